@@ -1,0 +1,95 @@
+#!/usr/bin/env bash
+# `make test`: every check, one after the other; prints how long each part took and stops at the first that fails.
+# Plain cargo, one profile (release): unoptimised kernels are hopeless in tests, and two profiles compile everything twice.
+set -euo pipefail
+cd "$(dirname "$0")/.."
+
+CARGO=${CARGO:-cargo}
+export CARGO_TERM_COLOR=${CARGO_TERM_COLOR:-auto}
+# Snapshots are compared, never rewritten, whatever the machine's own settings are.
+export INSTA_UPDATE=no INSTA_FORCE_PASS=0
+
+names=()
+seconds=()
+results=()
+n_passed=0
+log=$(mktemp)
+trap 'rm -f "$log"' EXIT
+
+summary() {
+    local i total=0
+    printf '\n%-44s %9s  %s\n' PART SECONDS RESULT
+    for i in "${!names[@]}"; do
+        printf '%-44s %9.1f  %s\n' "${names[i]}" "${seconds[i]}" "${results[i]}"
+        total=$(awk -v a="$total" -v b="${seconds[i]}" 'BEGIN { print a + b }')
+    done
+    printf '%-44s %9.1f\n' total "$total"
+}
+
+now() { date +%s.%N; }
+
+part() { # name, command…
+    local name=$1 start rc=0
+    shift
+    printf '\n=== %s: %s\n' "$name" "$*"
+    start=$(now)
+    "$@" 2>&1 | tee "$log" || rc=$?
+    n_passed=$((n_passed + $(sed -n 's/^test result: ok\. \([0-9]*\) passed.*/\1/p' "$log" | awk '{ n += $1 } END { print n + 0 }')))
+    names+=("$name")
+    seconds+=("$(awk -v a="$start" -v b="$(now)" 'BEGIN { printf "%.2f", b - a }')")
+    if [ "$rc" != 0 ]; then
+        results+=("FAILED ($rc)")
+        summary
+        printf '\n%s failed: %s\n' "$name" "$*" >&2
+        exit 1
+    fi
+    results+=(passed)
+}
+
+skipped() { # name, why
+    printf '\n=== %s: skipped, %s\n' "$1" "$2"
+    names+=("$1")
+    seconds+=(0)
+    results+=("skipped: $2")
+}
+
+# Test targets outside the units: those that the `tests` crate declares, and the `tests/` folders of the other crates.
+integration_targets() {
+    awk '/^\[/ { inside = ($0 == "[[test]]") } inside && /^name *=/ { gsub(/"/, "", $3); print $3 }' tests/Cargo.toml
+    local file
+    for file in schemas/tests/*.rs solver/*/tests/*.rs worker/tests/*.rs coordinator/tests/*.rs; do
+        [ -e "$file" ] && basename "$file" .rs
+    done
+    for file in schemas/tests/*/main.rs solver/*/tests/*/main.rs worker/tests/*/main.rs coordinator/tests/*/main.rs; do
+        [ -e "$file" ] && basename "$(dirname "$file")"
+    done
+    true
+}
+
+part "set up what is missing" deploy/deps.sh test
+
+if $CARGO fmt --version >/dev/null 2>&1; then
+    part "format" "$CARGO" fmt --all --check
+else
+    skipped "format" "rustfmt is not installed"
+fi
+
+# The binaries come first: end-to-end and crash tests run them.
+part "build the binaries" "$CARGO" build --release --locked --workspace --bins
+part "build the tests" "$CARGO" test --release --locked --workspace --no-run
+
+part "unit tests, JSON Schemas are current" "$CARGO" test --release --locked --workspace --lib --bins -q
+part "documentation's examples" "$CARGO" test --release --locked --workspace --doc -q
+for target in $(integration_targets | sort -u); do
+    part "tests: $target" "$CARGO" test --release --locked --workspace --test "$target" -q
+done
+
+if $CARGO clippy --version >/dev/null 2>&1; then
+    part "clippy, warnings are errors" "$CARGO" clippy --release --locked --workspace --all-targets -- -D warnings
+else
+    skipped "clippy" "clippy is not installed"
+fi
+part "documentation, warnings are errors" env RUSTDOCFLAGS="-D warnings" "$CARGO" doc --release --locked --workspace --no-deps --document-private-items
+
+summary
+printf '\nall parts passed; tests:\n%d passed, 0 failed\n' "$n_passed"

@@ -1,0 +1,44 @@
+# What a person types. Each target says what it does: `make help`.
+# Everything here is plain cargo underneath; `cargo build` alone gives working binaries.
+
+SHELL := /bin/bash
+.SHELLFLAGS := -eu -o pipefail -c
+.DEFAULT_GOAL := help
+
+CARGO ?= cargo
+COHORT ?= examples/coa-seven
+BIN := $(if $(CARGO_TARGET_DIR),$(CARGO_TARGET_DIR),target)/release
+
+# The whole workspace is always selected, so that demo, tests and benchmarks share one set of compiled dependencies.
+BUILD := $(CARGO) build --release --locked --workspace --bins
+
+.PHONY: help deps deps-demo build demo test bench clean-run
+
+help: ## print this list
+	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "  make %-10s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+
+deps: ## install what build and tests need and this machine lacks (Debian, with root or sudo); says what
+	@deploy/deps.sh test
+
+deps-demo:
+	@deploy/deps.sh demo
+
+build: ## build the coordinator (cardiotwin) and the worker (cardiotwin-worker) in release
+	$(BUILD)
+
+demo: deps-demo build ## personalise the bundled seven-patient cohort; ends with a table and the report's path
+	$(BIN)/cardiotwin run $(COHORT)
+
+test: ## set up what is missing, then pass every check and test; prints how long each part took
+	@.ci/parts.sh
+
+bench: build ## measure the figures of docs/benchmarks.md on this machine (minutes)
+	$(CARGO) bench --locked --workspace
+	$(BIN)/cardiotwin-worker bench beat
+	$(BIN)/cardiotwin-worker bench cell
+	$(BIN)/cardiotwin bench orchestration
+	$(BIN)/cardiotwin bench orchestration --spawn
+	$(BIN)/cardiotwin bench orchestration --kill
+
+clean-run: ## forget the results of the bundled cohort, so that `make demo` starts anew
+	rm -rf -- $(COHORT)/run

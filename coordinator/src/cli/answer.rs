@@ -1,0 +1,25 @@
+//! What became of a request to a run.
+
+use super::error::CliError;
+use super::place::Folders;
+use super::talk::Talk;
+use crate::engine::Answer;
+
+/// Tells it; `go_on` names the run where `run` has to follow.
+///
+/// # Errors
+/// When stdout cannot be written.
+pub fn tell(answer: &Answer, go_on: Option<&Folders>, talk: &Talk) -> Result<(), CliError> {
+    match answer {
+        Answer::Applied { changes } => {
+            changes.iter().try_for_each(|change| talk.data(&format!("{change}\n")))?;
+            if let Some(folders) = go_on {
+                talk.hint(&format!("`cardiotwin run{}` goes on", folders.as_argument("")));
+            }
+        }
+        Answer::Asked { holder } => {
+            talk.say(&format!("asked the running coordinator ({holder}); `status` shows when it is done"))
+        }
+    }
+    Ok(())
+}

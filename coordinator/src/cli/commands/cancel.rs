@@ -1,0 +1,36 @@
+//! `cardiotwin cancel`: ends a patient's chain; what is published stays.
+
+use cardiotwin_schemas::ids::PatientId;
+use clap::Args;
+
+use crate::cli::answer;
+use crate::cli::error::CliError;
+use crate::cli::exit::Exit;
+use crate::cli::place::OfCohort;
+use crate::cli::talk::Talk;
+use crate::engine;
+
+/// Stop working on a patient, or on all; results so far stay
+#[derive(Debug, Args)]
+pub struct CancelArgs {
+    /// Whose work to stop
+    #[arg(required_unless_present = "all", conflicts_with = "all")]
+    patient: Option<String>,
+    /// Everybody's
+    #[arg(long)]
+    all: bool,
+    #[command(flatten)]
+    of: OfCohort,
+}
+
+/// Asks for it.
+///
+/// # Errors
+/// The engine's.
+pub async fn execute(args: &CancelArgs, talk: &Talk) -> Result<Exit, CliError> {
+    let folders = args.of.folders();
+    let patient = args.patient.as_deref().map(PatientId::from);
+    let answer = engine::cancel(&folders.run, patient.as_ref()).await?;
+    answer::tell(&answer, None, talk)?;
+    Ok(Exit::Ok)
+}

@@ -1,0 +1,75 @@
+//! `cardiotwin check`: everything that can be known to be wrong before anything runs.
+
+use clap::Args;
+use serde::Serialize;
+
+use crate::cli::error::CliError;
+use crate::cli::exit::Exit;
+use crate::cli::place::Place;
+use crate::cli::problems;
+use crate::cli::talk::{Talk, count};
+use crate::input::{self, Finding, Options, Report};
+
+/// Check cohort, patients, settings and measured data; all problems at once
+#[derive(Debug, Args)]
+pub struct CheckArgs {
+    #[command(flatten)]
+    place: Place,
+    /// Check these patients only (may be given several times)
+    #[arg(long = "patient", value_name = "PATIENT")]
+    patients: Vec<String>,
+    /// Settings on top of all files, as for `run`
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    set: Vec<String>,
+    /// Warnings make the exit code 1, too
+    #[arg(long)]
+    strict: bool,
+    /// One JSON object instead of a table
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Serialize)]
+struct Answer<'a> {
+    schema_version: u32,
+    cohort: Option<&'a str>,
+    patients: usize,
+    errors: usize,
+    warnings: usize,
+    problems: &'a [Finding],
+}
+
+/// Checks; problems are data and go to stdout.
+///
+/// # Errors
+/// When stdout cannot be written.
+pub fn execute(args: &CheckArgs, talk: &Talk) -> Result<Exit, CliError> {
+    let folders = args.place.folders();
+    let cohort_dir = folders.cohort.unwrap_or(folders.run);
+    let mut report = Report::default();
+    let options = Options { only: args.patients.clone(), set: args.set.clone(), ..Options::default() };
+    let cohort = input::load(&cohort_dir, &options, &mut report);
+    let (errors, warnings) = (report.n_errors(), report.n_warnings());
+    let n_patients = cohort.as_ref().map_or(0, |cohort| cohort.patients.len());
+    if args.json {
+        let findings = problems::in_order(&report);
+        talk.json(&Answer {
+            schema_version: cardiotwin_schemas::SCHEMA_VERSION,
+            cohort: cohort.as_ref().map(|cohort| cohort.name.as_str()),
+            patients: n_patients,
+            errors,
+            warnings,
+            problems: &findings,
+        })?;
+    } else {
+        talk.data(&problems::text(&report, talk.colour_out))?;
+        let name = cohort.as_ref().map_or("the cohort", |cohort| cohort.name.as_str());
+        if errors + warnings == 0 {
+            talk.data(&format!("{name}: {}, nothing to complain about\n", count(n_patients, "patient")))?;
+        } else {
+            let (errors, warnings) = (count(errors, "error"), count(warnings, "warning"));
+            talk.data(&format!("{name}: {}, {errors}, {warnings}\n", count(n_patients, "patient")))?;
+        }
+    }
+    Ok(if errors > 0 || (args.strict && warnings > 0) { Exit::Problems } else { Exit::Ok })
+}

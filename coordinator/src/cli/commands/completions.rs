@@ -1,0 +1,27 @@
+//! `cardiotwin completions`: for bash, zsh, fish and others.
+
+use clap::Args;
+use clap_complete::Shell;
+
+use crate::cli::error::CliError;
+use crate::cli::exit::Exit;
+use crate::cli::talk::Talk;
+
+/// Print completions for a shell
+#[derive(Debug, Args)]
+#[command(after_help = "For bash: cardiotwin completions bash > ~/.local/share/bash-completion/completions/cardiotwin")]
+pub struct CompletionsArgs {
+    /// Which shell
+    shell: Shell,
+}
+
+/// Prints.
+///
+/// # Errors
+/// When stdout cannot be written.
+pub fn execute(args: &CompletionsArgs, talk: &Talk) -> Result<Exit, CliError> {
+    let mut text = Vec::new();
+    clap_complete::generate(args.shell, &mut crate::cli::command(), "cardiotwin", &mut text);
+    talk.data(&String::from_utf8_lossy(&text))?;
+    Ok(Exit::Ok)
+}

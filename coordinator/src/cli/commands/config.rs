@@ -1,0 +1,100 @@
+//! `cardiotwin config show`: every setting, and where it came from.
+
+use clap::{Args, Subcommand};
+use serde::Serialize;
+use serde_json::Value;
+
+use crate::cli::error::CliError;
+use crate::cli::exit::Exit;
+use crate::cli::place::Place;
+use crate::cli::store::stored_overrides;
+use crate::cli::table::Columns;
+use crate::cli::talk::{Talk, Tone};
+use crate::cli::{problems, talk::count};
+use crate::input::{self, Merged, Options, Origin, Report};
+
+/// Look at settings
+#[derive(Debug, Args)]
+pub struct ConfigArgs {
+    #[command(subcommand)]
+    command: ConfigCommand,
+}
+
+#[derive(Debug, Subcommand)]
+enum ConfigCommand {
+    Show(ShowArgs),
+}
+
+/// Show every setting after all layers
+#[derive(Debug, Args)]
+struct ShowArgs {
+    #[command(flatten)]
+    place: Place,
+    /// Show where each came from: default, file and line, rerun, or --set
+    #[arg(long)]
+    origin: bool,
+    /// Settings of this patient, its own layer and what `rerun` stored included
+    #[arg(long, value_name = "PATIENT")]
+    patient: Option<String>,
+    /// Settings on top of all files, as for `run`
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    set: Vec<String>,
+    /// One JSON object instead of a table
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Serialize)]
+struct Leaf {
+    key: String,
+    value: Value,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    origin: Option<Origin>,
+}
+
+/// Shows settings on stdout; problems of the files go to stderr and make the exit code 3.
+///
+/// # Errors
+/// [`CliError::Input`] where the settings cannot be read.
+pub async fn execute(args: &ConfigArgs, talk: &Talk) -> Result<Exit, CliError> {
+    let ConfigCommand::Show(args) = &args.command;
+    let folders = args.place.folders();
+    let overrides = match &args.patient {
+        Some(patient) => stored_overrides(&folders.run, patient).await?,
+        None => Default::default(),
+    };
+    let cohort_dir = folders.cohort.unwrap_or(folders.run);
+    let only: Vec<String> = args.patient.iter().cloned().collect();
+    let mut report = Report::default();
+    let options = Options { only, overrides, set: args.set.clone() };
+    let cohort = input::load(&cohort_dir, &options, &mut report);
+    talk.say(problems::text(&report, talk.colour_err).trim_end());
+    let merged: Option<&Merged> = cohort.as_ref().and_then(|cohort| match &args.patient {
+        Some(_) => cohort.patients.first().map(|patient| &patient.settings),
+        None => Some(&cohort.settings),
+    });
+    let Some(merged) = merged else {
+        return Err(CliError::Input { errors: count(report.n_errors(), "error") });
+    };
+    let leaves = merged.leaves().into_iter().map(|(key, value, origin)| Leaf {
+        key,
+        value,
+        origin: args.origin.then_some(origin),
+    });
+    if args.json {
+        talk.json(&leaves.collect::<Vec<_>>())?;
+    } else {
+        let headings: &[&str] = if args.origin { &["KEY", "ORIGIN", "VALUE"] } else { &["KEY", "VALUE"] };
+        let mut table = Columns::new(talk, headings);
+        for Leaf { key, value, origin } in leaves {
+            let tone = (origin == Some(Origin::Default)).then_some(Tone::Quiet);
+            // Values last: lists of parameters are long.
+            let mut row = vec![(key, None)];
+            row.extend(origin.map(|origin| (origin.to_string(), tone)));
+            row.push((value.to_string(), None));
+            table.toned(row);
+        }
+        talk.data(&table.text())?;
+    }
+    Ok(if report.n_errors() > 0 { Exit::Input } else { Exit::Ok })
+}

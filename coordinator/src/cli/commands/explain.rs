@@ -1,0 +1,164 @@
+//! `cardiotwin explain`: why each task of a patient is the one it is, and which input changed.
+
+use std::path::PathBuf;
+
+use cardiotwin_schemas::ids::PatientId;
+use clap::Args;
+use serde_json::Value;
+
+use crate::cli::error::CliError;
+use crate::cli::exit::Exit;
+use crate::cli::place::OfCohort;
+use crate::cli::store::{open, stored_overrides};
+use crate::cli::table::Columns;
+use crate::cli::talk::{Talk, Tone};
+use crate::engine::{LeafChange, StepExplanation};
+use crate::input::{self, Options, Patient, Report};
+
+/// Why a patient's tasks are what they are: what waits for what, which input changed and where it is set
+#[derive(Debug, Args)]
+pub struct ExplainArgs {
+    /// Whose
+    patient: String,
+    /// One JSON object instead of text
+    #[arg(long)]
+    json: bool,
+    #[command(flatten)]
+    of: OfCohort,
+}
+
+/// Explains.
+///
+/// # Errors
+/// The store's.
+pub async fn execute(args: &ExplainArgs, talk: &Talk) -> Result<Exit, CliError> {
+    let folders = args.of.folders();
+    let reader = open(&folders).await?;
+    let id = PatientId(args.patient.clone());
+    let steps = reader.explain(&id).await?;
+    if args.json {
+        talk.json(&steps)?;
+        return Ok(Exit::Ok);
+    }
+    let record = reader.patient_record(&id).await?;
+    let patient = match &folders.cohort {
+        Some(cohort) => {
+            let overrides = stored_overrides(&folders.run, &args.patient).await?;
+            let options = Options { only: vec![args.patient.clone()], overrides, set: Vec::new() };
+            // Only to find places: `check` is where problems are told.
+            input::load(cohort, &options, &mut Report::default()).and_then(|mut cohort| cohort.patients.pop())
+        }
+        None => None,
+    };
+    let status = &record.status;
+    talk.data(&format!("{}: {} {} {}\n", status.patient, status.step, status.state, status.note))?;
+    if let Some(failure) = &record.failure {
+        let remedy = failure.remedy.as_deref().map(|remedy| format!("; {remedy}")).unwrap_or_default();
+        talk.data(&format!("held by a failure [{}]: {}{remedy}\n", failure.class.as_str(), failure.message))?;
+    }
+    let mut files: Vec<(&str, PathBuf)> = Vec::new();
+    for file in [&record.plan.step0.pressure, &record.plan.step0.volume].into_iter().flatten() {
+        files.push((&file.name, file.path.clone()));
+    }
+    talk.data(&text(&steps, patient.as_ref(), &files, talk))?;
+    Ok(Exit::Ok)
+}
+
+/// The table of steps, and below it what changed.
+fn text(steps: &[StepExplanation], patient: Option<&Patient>, files: &[(&str, PathBuf)], talk: &Talk) -> String {
+    let mut table = Columns::new(talk, &["STEP", "STATE", "TASK", ">TRIES", "SINCE", "WHY"]);
+    for step in steps {
+        let tone = match step.state.as_str() {
+            "published" => Some(Tone::Good),
+            "failed" => Some(Tone::Bad),
+            _ => None,
+        };
+        let mut why = match (&step.previous, step.changes.len()) {
+            (None, _) => "first of its kind".to_owned(),
+            (Some(_), 1) => "1 value changed".to_owned(),
+            (Some(_), n) => format!("{n} values changed"),
+        };
+        if !step.shared_with.is_empty() {
+            let others: Vec<&str> = step.shared_with.iter().map(PatientId::as_str).collect();
+            why.push_str(&format!(", shared with {}", others.join(", ")));
+        }
+        let row = [
+            (step.step.clone(), None),
+            (step.state.clone(), tone),
+            (short(step.task.as_str()).to_owned(), Some(Tone::Quiet)),
+            (step.generations.to_string(), None),
+            (step.since.clone(), None),
+            (why, None),
+        ];
+        table.toned(row);
+    }
+    let mut text = table.text();
+    for step in steps.iter().filter(|step| !step.changes.is_empty()) {
+        let before = step.previous.as_ref().map_or("", |key| short(key.as_str()));
+        text.push_str(&format!("\n{} differs from its task {before} before:\n", step.step));
+        for change in &step.changes {
+            let value = |value: &Option<Value>| value.as_ref().map_or("absent".to_owned(), Value::to_string);
+            text.push_str(&format!("  {}: {} -> {}", change.path, value(&change.old), value(&change.new)));
+            text.push_str(&places(change, patient, files));
+            text.push('\n');
+        }
+    }
+    text
+}
+
+/// Where a person finds the changed value.
+fn places(change: &LeafChange, patient: Option<&Patient>, files: &[(&str, PathBuf)]) -> String {
+    let parts: Vec<&str> = change.path.split('.').map(|part| part.split('[').next().unwrap_or(part)).collect();
+    let mut places: Vec<String> = Vec::new();
+    let names_a_file = |name: &str| parts.contains(&name) && parts.last() == Some(&"sha256");
+    places.extend(files.iter().filter(|(name, _)| names_a_file(name)).map(|(_, path)| path.display().to_string()));
+    if places.is_empty()
+        && let (Some(patient), Some(name)) = (patient, parts.last())
+    {
+        places.extend(patient.places_of(name).into_iter().map(|(key, place)| format!("{key} in {place}")));
+    }
+    if places.is_empty() { String::new() } else { format!("   ({})", places.join("; ")) }
+}
+
+fn short(key: &str) -> &str {
+    key.get(..12).unwrap_or(key)
+}
+
+#[cfg(test)]
+mod tests {
+    use cardiotwin_schemas::ids::TaskKey;
+
+    use super::*;
+
+    #[test]
+    fn a_changed_value_and_a_changed_file_say_where_they_are() {
+        let plain = Talk { colour_out: false, colour_err: false, quiet: true, bars: false };
+        let change =
+            |path: &str, old: Value, new: Value| LeafChange { path: path.into(), old: Some(old), new: Some(new) };
+        let step = StepExplanation {
+            step: "step-0".into(),
+            task: TaskKey("b".repeat(64)),
+            state: "open".into(),
+            generations: 0,
+            since: "2026-03-01T12:00:00.000Z".into(),
+            previous: Some(TaskKey("a".repeat(64))),
+            changes: vec![
+                change("pressure.sha256", "12".into(), "34".into()),
+                change("activation.spread_ms", 40.0.into(), 50.0.into()),
+            ],
+            shared_with: vec!["P9".into()],
+        };
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::create_dir_all(folder.path().join("patients/P1")).unwrap();
+        let cohort = "name = 'c'\n[solver.activation]\nspread_ms = 50\n";
+        std::fs::write(folder.path().join("cohort.toml"), cohort).unwrap();
+        let text_of_patient = "id = 'P1'\ncycle_length_ms = 700\n[measured]\n";
+        std::fs::write(folder.path().join("patients/P1/patient.toml"), text_of_patient).unwrap();
+        let patient =
+            input::load(folder.path(), &Options::default(), &mut Report::default()).unwrap().patients.remove(0);
+        let files = [("pressure", PathBuf::from("/c/patients/P1/pressure.csv"))];
+        let said = text(&[step], Some(&patient), &files, &plain);
+        let root = format!("{}/", folder.path().display());
+        insta::assert_snapshot!(said.replace(&root, ""));
+    }
+}

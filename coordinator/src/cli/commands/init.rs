@@ -1,0 +1,116 @@
+//! `cardiotwin init`: a folder to fill in. It never writes over anything.
+
+use std::io::Write as _;
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+
+use crate::cli::error::CliError;
+use crate::cli::exit::Exit;
+use crate::cli::talk::Talk;
+
+/// Make a cohort folder with a commented cohort.toml and one patient to fill in
+#[derive(Debug, Args)]
+pub struct InitArgs {
+    /// Folder to make
+    #[arg(value_name = "DIR")]
+    folder: PathBuf,
+    /// Name of the cohort [default: the folder's name]
+    #[arg(long)]
+    name: Option<String>,
+}
+
+const COHORT: &str = include_str!("../templates/cohort.toml");
+const PATIENT: &str = include_str!("../templates/patient.toml");
+
+/// Makes the folder and says what to do next.
+///
+/// # Errors
+/// [`CliError::Usage`] where something is there already, [`CliError::File`] where the folder cannot be written.
+pub fn execute(args: &InitArgs, talk: &Talk) -> Result<Exit, CliError> {
+    let absolute = std::path::absolute(&args.folder).unwrap_or_else(|_| args.folder.clone());
+    let folder_name = absolute.file_name().map(|name| name.to_string_lossy().into_owned());
+    let name = args.name.clone().or(folder_name).unwrap_or_else(|| "cohort".to_owned());
+    let patient = args.folder.join("patients").join("P001");
+    let files = [
+        (args.folder.join("cohort.toml"), COHORT.replace("{name}", &toml_text(&name))),
+        (patient.join("patient.toml"), PATIENT.to_owned()),
+    ];
+    if let Some((there, _)) = files.iter().find(|(path, _)| path.exists()) {
+        let message = format!("{} is there already; give another folder, nothing was written", there.display());
+        return Err(CliError::Usage(message));
+    }
+    std::fs::create_dir_all(&patient).map_err(CliError::file("make", &patient))?;
+    for (path, text) in &files {
+        write_new(path, text)?;
+        talk.data(&format!("{}\n", path.display()))?;
+    }
+    let folder = args.folder.display();
+    talk.hint(&format!(
+        "put pressure.csv and volume.csv into {}, fill in patient.toml, then `cardiotwin check {folder}` and \
+         `cardiotwin run {folder}`",
+        patient.display()
+    ));
+    Ok(Exit::Ok)
+}
+
+/// Writes a file that must not be there.
+fn write_new(path: &Path, text: &str) -> Result<(), CliError> {
+    let mut file = std::fs::File::create_new(path).map_err(CliError::file("make", path))?;
+    file.write_all(text.as_bytes()).map_err(CliError::file("write", path))
+}
+
+/// A text as TOML writes it.
+fn toml_text(text: &str) -> String {
+    toml::Value::String(text.to_owned()).to_string()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::input::{Options, Report, load};
+
+    const QUIET: Talk = Talk { colour_out: false, colour_err: false, quiet: true, bars: false };
+
+    #[test]
+    fn the_template_lacks_nothing_but_the_traces() {
+        let parent = tempfile::tempdir().unwrap();
+        let folder = parent.path().join("my \"cohort\"");
+        execute(&InitArgs { folder: folder.clone(), name: None }, &QUIET).unwrap();
+        let mut report = Report::default();
+        let cohort = load(&folder, &Options::default(), &mut report).unwrap();
+        assert_eq!(cohort.name, "my \"cohort\"");
+        let keys: Vec<_> = report.findings().iter().map(|f| f.problem.key.clone().unwrap_or_default()).collect();
+        assert_eq!(keys, ["measured.pressure", "measured.volume"], "{:#?}", report.findings());
+    }
+
+    #[test]
+    fn what_is_there_is_left_alone() {
+        let parent = tempfile::tempdir().unwrap();
+        let args = InitArgs { folder: parent.path().to_owned(), name: Some("x".into()) };
+        std::fs::write(parent.path().join("cohort.toml"), "mine").unwrap();
+        assert!(matches!(execute(&args, &QUIET), Err(CliError::Usage(_))));
+        assert_eq!(std::fs::read_to_string(parent.path().join("cohort.toml")).unwrap(), "mine");
+        assert!(!parent.path().join("patients").exists());
+    }
+
+    #[test]
+    fn commented_settings_of_the_template_are_the_defaults() {
+        let settings: String = COHORT
+            .lines()
+            .map(|line| {
+                line.strip_prefix("# ").filter(|rest| rest.contains('=') || rest.starts_with('[')).unwrap_or(line)
+            })
+            .map(|line| format!("{line}\n"))
+            .collect();
+        let parent = tempfile::tempdir().unwrap();
+        std::fs::create_dir_all(parent.path().join("patients")).unwrap();
+        std::fs::write(parent.path().join("cohort.toml"), settings.replace("{name}", "\"x\"")).unwrap();
+        let mut report = Report::default();
+        let cohort = load(parent.path(), &Options::default(), &mut report).unwrap();
+        assert_eq!(cohort.settings.settings, cardiotwin_schemas::settings::Settings::default());
+        let others: Vec<_> =
+            report.findings().iter().filter(|f| f.problem.key.as_deref() != Some("patients")).collect();
+        assert!(others.is_empty(), "{others:#?}");
+    }
+}

@@ -1,0 +1,36 @@
+//! `cardiotwin man`: manual pages, one for the program and one for each command.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use clap_mangen::Man;
+
+use crate::cli::error::CliError;
+use crate::cli::exit::Exit;
+use crate::cli::talk::Talk;
+
+/// Print the manual page, or write all of them
+#[derive(Debug, Args)]
+pub struct ManArgs {
+    /// Write cardiotwin.1 and a page per command into this folder
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+}
+
+/// Prints or writes.
+///
+/// # Errors
+/// [`CliError::File`] where the folder cannot be written.
+pub fn execute(args: &ManArgs, talk: &Talk) -> Result<Exit, CliError> {
+    let io = |source| CliError::Io { what: "cannot write the manual page", source };
+    let Some(folder) = &args.out else {
+        let mut text = Vec::new();
+        Man::new(crate::cli::command()).render(&mut text).map_err(io)?;
+        talk.data(&String::from_utf8_lossy(&text))?;
+        return Ok(Exit::Ok);
+    };
+    std::fs::create_dir_all(folder).map_err(CliError::file("make", folder))?;
+    clap_mangen::generate_to(crate::cli::command(), folder).map_err(io)?;
+    talk.say(&format!("manual pages written to {}", folder.display()));
+    Ok(Exit::Ok)
+}

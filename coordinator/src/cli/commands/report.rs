@@ -1,0 +1,38 @@
+//! `cardiotwin report`: one HTML file, readable without network.
+
+use std::path::PathBuf;
+
+use clap::Args;
+
+use crate::cli::error::CliError;
+use crate::cli::exit::Exit;
+use crate::cli::place::Place;
+use crate::cli::store::open;
+use crate::cli::talk::Talk;
+use crate::report::write_report;
+
+/// File name of the report in the run's folder.
+pub const FILE: &str = "report.html";
+
+/// Write the report of a run: HTML, readable without network
+#[derive(Debug, Args)]
+pub struct ReportArgs {
+    #[command(flatten)]
+    place: Place,
+    /// Where to write it [default: report.html in the run's folder]
+    #[arg(long, value_name = "FILE")]
+    out: Option<PathBuf>,
+}
+
+/// Writes it and prints its path.
+///
+/// # Errors
+/// The store's and the report's.
+pub async fn execute(args: &ReportArgs, talk: &Talk) -> Result<Exit, CliError> {
+    let folders = args.place.folders();
+    let record = open(&folders).await?.record().await?;
+    let out = args.out.clone().unwrap_or_else(|| folders.run.join(FILE));
+    let paths = write_report(&record, &out)?;
+    talk.data(&format!("{}\n", paths.main.display()))?;
+    Ok(Exit::Ok)
+}

@@ -1,0 +1,106 @@
+//! `cardiotwin rerun`: other settings for one patient, from a step on. (`retry` keeps the settings.)
+
+use cardiotwin_schemas::cohort::SettingsLayer;
+use cardiotwin_schemas::ids::PatientId;
+use cardiotwin_schemas::organ::CELL_PARAMETERS;
+use cardiotwin_schemas::settings::STEP1_PARAMETERS;
+use clap::Args;
+
+use crate::cli::error::CliError;
+use crate::cli::exit::Exit;
+use crate::cli::place::OfCohort;
+use crate::cli::store::open;
+use crate::cli::talk::{Talk, count};
+use crate::cli::{answer, problems};
+use crate::engine::{self, Stage};
+use crate::input::{Layer, Report, check_on_top, nearest};
+
+/// Go on with other settings from a step on; step 1 continues from its stored iterations
+#[derive(Debug, Args)]
+#[command(
+    after_help = "The settings are stored for this patient and win over all files until another rerun changes them.\n\
+                        `cardiotwin config show --origin --patient PATIENT` shows them.\n\
+                        To repeat a failed task with the same settings: `cardiotwin retry`."
+)]
+pub struct RerunArgs {
+    /// Whose
+    patient: String,
+    /// From which step: step0, step1, targets, step2 or verification
+    #[arg(long, value_name = "STEP")]
+    from: Stage,
+    /// Damping of step 1's updates: 1 is the paper's, smaller is more careful
+    #[arg(long, value_name = "D")]
+    damping: Option<f64>,
+    /// Bounds of a parameter (may be given several times)
+    #[arg(long, value_name = "KEY=LO:HI")]
+    bounds: Vec<String>,
+    /// Any other setting (may be given several times)
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    set: Vec<String>,
+    #[command(flatten)]
+    of: OfCohort,
+}
+
+/// Checks the settings, asks for the rerun, says what follows.
+///
+/// # Errors
+/// [`CliError::Input`] for settings that cannot be right, [`CliError::Usage`] for arguments that cannot, the engine's.
+pub async fn execute(args: &RerunArgs, talk: &Talk) -> Result<Exit, CliError> {
+    let folders = args.of.folders();
+    let patient = PatientId(args.patient.clone());
+    let record = open(&folders).await?.patient_record(&patient).await?;
+    let mut assignments: Vec<String> = args.damping.iter().map(|d| format!("step1.damping={d}")).collect();
+    for bounds in &args.bounds {
+        assignments.push(bounds_assignment(bounds, args.from).map_err(CliError::Usage)?);
+    }
+    assignments.extend(args.set.iter().cloned());
+    let mut report = Report::default();
+    let layer = Layer::from_command_line(&assignments, &mut report);
+    check_on_top(&record.plan.settings, &layer, &mut report);
+    if report.n_errors() > 0 {
+        talk.say(problems::text(&report, talk.colour_err).trim_end());
+        return Err(CliError::Input { errors: count(report.n_errors(), "error") });
+    }
+    let overrides: SettingsLayer = serde_json::from_value(layer.into_value())
+        .map_err(|error| CliError::Usage(format!("these settings cannot be stored: {error}")))?;
+    let answer = engine::rerun(&folders.run, &patient, args.from, &overrides).await?;
+    answer::tell(&answer, Some(&folders), talk)?;
+    Ok(Exit::Ok)
+}
+
+/// `KEY=LO:HI` as a setting of the step that the parameter belongs to.
+fn bounds_assignment(text: &str, from: Stage) -> Result<String, String> {
+    let wrong = || format!("--bounds {text}: expected KEY=LO:HI, for example t_CR_ms=200:600");
+    let (key, range) = text.split_once('=').ok_or_else(wrong)?;
+    let (low, high) = range.split_once(':').ok_or_else(wrong)?;
+    let low: f64 = low.trim().parse().map_err(|_| wrong())?;
+    let high: f64 = high.trim().parse().map_err(|_| wrong())?;
+    let (organ, cell) = (STEP1_PARAMETERS.contains(&key), CELL_PARAMETERS.contains(&key));
+    // Smax_ref_kPa is a parameter of both models: the step decides.
+    let table = match (organ, cell) {
+        (true, true) if from == Stage::Step2 => "step2",
+        (true, _) => "step1",
+        (false, true) => "step2",
+        (false, false) => {
+            let known = || STEP1_PARAMETERS.iter().chain(&CELL_PARAMETERS).copied();
+            let meant = nearest(key, known()).map(|meant| format!("; did you mean `{meant}`?"));
+            return Err(format!("--bounds {text}: no parameter `{key}`{}", meant.unwrap_or_default()));
+        }
+    };
+    Ok(format!("{table}.bounds.{key}=[{low:?}, {high:?}]"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn bounds_go_to_the_step_that_fits_the_parameter() {
+        let of = |text, from| bounds_assignment(text, from).unwrap();
+        assert_eq!(of("t_CR_ms=200:600", Stage::Step1), "step1.bounds.t_CR_ms=[200.0, 600.0]");
+        assert_eq!(of("a_p_kPa=1:200", Stage::Step1), "step2.bounds.a_p_kPa=[1.0, 200.0]");
+        assert_eq!(of("Smax_ref_kPa=1:200", Stage::Step2), "step2.bounds.Smax_ref_kPa=[1.0, 200.0]");
+        assert!(bounds_assignment("t_CR=1:2", Stage::Step1).unwrap_err().contains("did you mean `t_CR_ms`?"));
+        assert!(bounds_assignment("t_CR_ms=1", Stage::Step1).unwrap_err().contains("KEY=LO:HI"));
+    }
+}

@@ -1,0 +1,238 @@
+//! `cardiotwin run`: drives a cohort to its end; again, it goes on.
+
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+use std::time::Instant;
+
+use cardiotwin_schemas::ids::PatientId;
+use cardiotwin_schemas::plan::ResolvedPatient;
+use clap::Args;
+
+use crate::cli::commands::report::FILE;
+use crate::cli::error::CliError;
+use crate::cli::exit::Exit;
+use crate::cli::place::{Folders, Place};
+use crate::cli::progress::Watcher;
+use crate::cli::store::open;
+use crate::cli::table::{Columns, duration};
+use crate::cli::talk::{Talk, count};
+use crate::cli::{problems, summary};
+use crate::engine::{self, EngineEvent, Reader, RunOptions, RunSummary, StopSignal, StoreError};
+use crate::input::{self, Cohort, Options, Report};
+use crate::report::write_report;
+
+/// Up to so many patients, each one's results are told as soon as the patient is over.
+const LINES_WITH_RESULTS: usize = 100;
+
+/// Personalise a cohort; the same command goes on where an earlier one stopped
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Ctrl-C once finishes what is cheap to finish and stops; twice stops now. Both lose nothing that is finished."
+)]
+pub struct RunArgs {
+    #[command(flatten)]
+    place: Place,
+    /// Workers at once; 0 is one for each core
+    #[arg(long, value_name = "N")]
+    workers: Option<u32>,
+    /// Work on these patients only (may be given several times)
+    #[arg(long = "patient", value_name = "PATIENT")]
+    patients: Vec<String>,
+    /// Settings on top of all files (may be given several times); `config show` lists the keys
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    set: Vec<String>,
+    /// Write no report at the end
+    #[arg(long)]
+    no_report: bool,
+    /// Say what would be done, and do nothing
+    #[arg(long)]
+    dry_run: bool,
+    /// The worker's executable [default: cardiotwin-worker beside this program]
+    #[arg(long, value_name = "PATH")]
+    worker: Option<PathBuf>,
+}
+
+/// Runs.
+///
+/// # Errors
+/// [`CliError::Input`] when anything is wrong with the input; the engine's and the report's.
+pub async fn execute(args: &RunArgs, talk: &Talk) -> Result<Exit, CliError> {
+    let began = Instant::now();
+    let folders = args.place.folders();
+    let cohort = load(args, &folders, talk)?;
+    if args.dry_run {
+        return dry_run(&cohort, &folders, talk).await;
+    }
+    let options = RunOptions {
+        run_dir: folders.run.clone(),
+        cohort_name: cohort.name.clone(),
+        description: cohort.description.clone(),
+        cohort_dir: cohort.directory.clone(),
+        patients: Some(cohort.plans()),
+        only: args.patients.iter().map(|id| PatientId(id.clone())).collect(),
+        executor: cohort.settings.settings.executor.clone(),
+        worker: args.worker.clone(),
+    };
+    let stop =
+        StopSignal::from_signals().map_err(|source| CliError::Io { what: "cannot listen to signals", source })?;
+    let (events, received) = tokio::sync::mpsc::unbounded_channel();
+    let watcher = tokio::spawn(watch(received, folders.clone(), *talk));
+    let outcome = engine::run(options, events, stop).await;
+    // The watcher ends when the engine has dropped its sender.
+    let _ = watcher.await;
+    let summary = outcome?;
+    finish(args, &summary, &folders, began, talk).await
+}
+
+/// The cohort, or all its problems.
+fn load(args: &RunArgs, folders: &Folders, talk: &Talk) -> Result<Cohort, CliError> {
+    let Some(directory) = &folders.cohort else {
+        let run = folders.run.display();
+        let message = format!("{run} is a run: name its cohort, and the run with --run-dir {run}");
+        return Err(CliError::Usage(message));
+    };
+    let mut set = args.set.clone();
+    set.extend(args.workers.map(|n| format!("executor.workers={n}")));
+    let mut report = Report::default();
+    let cohort = input::load(directory, &Options { set, ..Options::default() }, &mut report);
+    let said = problems::text(&report, talk.colour_err);
+    if !said.is_empty() {
+        talk.say(said.trim_end());
+    }
+    match cohort {
+        Some(cohort) if report.n_errors() == 0 => {
+            let known = |id: &&String| cohort.patients.iter().any(|patient| patient.id == **id);
+            match args.patients.iter().find(|id| !known(id)) {
+                Some(id) => Err(CliError::Usage(unknown_patient(id, &cohort))),
+                None => Ok(cohort),
+            }
+        }
+        _ => Err(CliError::Input { errors: count(report.n_errors(), "error") }),
+    }
+}
+
+fn unknown_patient(id: &str, cohort: &Cohort) -> String {
+    let known: Vec<&str> = cohort.patients.iter().map(|patient| patient.id.as_str()).collect();
+    let meant = input::nearest(id, known.iter().copied()).map(|meant| format!("; did you mean `{meant}`?"));
+    format!("no patient `{id}` in {}{}", cohort.directory.display(), meant.unwrap_or_default())
+}
+
+/// Shows events, and each patient's result as soon as the patient is over.
+async fn watch(mut events: tokio::sync::mpsc::UnboundedReceiver<EngineEvent>, folders: Folders, talk: Talk) {
+    let mut watcher = Watcher::new(&talk);
+    let mut last = None;
+    while let Some(event) = events.recv().await {
+        let mut instead = None;
+        if let EngineEvent::PatientEnded { patient, over, of, .. } = &event {
+            if over == of && *of <= LINES_WITH_RESULTS {
+                // The coordinator is about to close the database, and whoever reads keeps it from tidying up.
+                last = Some((patient.clone(), event));
+                continue;
+            }
+            instead = result_line(patient, (*over, *of), &folders).await;
+        }
+        watcher.on(&event, instead.as_deref());
+    }
+    if let Some((patient, event)) = last {
+        let EngineEvent::PatientEnded { over, of, .. } = event else { return };
+        let instead = result_line(&patient, (over, of), &folders).await;
+        watcher.on(&event, instead.as_deref());
+    }
+    watcher.finish();
+}
+
+/// What a patient reached, where the cohort is so small that this does not drown the rest.
+async fn result_line(patient: &PatientId, (over, of): (usize, usize), folders: &Folders) -> Option<String> {
+    if of > LINES_WITH_RESULTS {
+        return None;
+    }
+    let record = Reader::open(&folders.run).await.ok()?.patient_record(patient).await.ok()?;
+    Some(format!("{patient}  {} ({over} of {of})", summary::line(&record)))
+}
+
+/// Table, report, hints and exit code.
+async fn finish(
+    args: &RunArgs,
+    summary: &RunSummary,
+    folders: &Folders,
+    began: Instant,
+    talk: &Talk,
+) -> Result<Exit, CliError> {
+    let record = open(folders).await?.record().await?;
+    talk.data(&summary::table(&record, talk))?;
+    let mut report = String::new();
+    if !args.no_report {
+        let paths = write_report(&record, &folders.run.join(FILE))?;
+        report = format!("report: {}\n", paths.main.display());
+    }
+    let wall = duration(began.elapsed().as_secs_f64());
+    let parts = [
+        (summary.done, "done"),
+        (summary.failed, "failed"),
+        (summary.cancelled, "cancelled"),
+        (summary.unfinished, "not over"),
+    ];
+    let parts: Vec<String> = parts.iter().filter(|(n, _)| *n > 0).map(|(n, what)| format!("{n} {what}")).collect();
+    let tasks = if summary.nothing_to_do() {
+        "nothing to do: no input changed".to_owned()
+    } else {
+        format!("{} published", count(usize::try_from(summary.published).unwrap_or(usize::MAX), "task"))
+    };
+    talk.data(&format!("{}: {} in {wall}, {tasks}\n{report}", count(summary.patients, "patient"), parts.join(", ")))?;
+    if summary.stopped {
+        talk.say("stopped; nothing finished is lost");
+        talk.hint(&format!("`cardiotwin run{}` goes on", folders.as_argument("")));
+        return Ok(Exit::Interrupted);
+    }
+    if summary.failed > 0 {
+        let place = folders.as_argument("");
+        talk.hint(&format!("`cardiotwin status{place}` names the failures, first"));
+    }
+    Ok(if summary.failed + summary.cancelled > 0 { Exit::Problems } else { Exit::Ok })
+}
+
+/// What would be done, patient by patient.
+async fn dry_run(cohort: &Cohort, folders: &Folders, talk: &Talk) -> Result<Exit, CliError> {
+    let stored: BTreeMap<PatientId, (String, ResolvedPatient)> = match Reader::open(&folders.run).await {
+        Ok(reader) => {
+            let patients = reader.record().await?.patients.into_iter();
+            patients.map(|p| (p.plan.id.clone(), (format!("{} {}", p.status.step, p.status.state), p.plan))).collect()
+        }
+        Err(StoreError::Missing { .. }) => BTreeMap::new(),
+        Err(error) => return Err(error.into()),
+    };
+    let mut table = Columns::new(talk, &["PATIENT", "STANDS AT", "WOULD"]);
+    for plan in cohort.plans() {
+        let (stands, would) = match stored.get(&plan.id) {
+            None => ("-".to_owned(), "begin at step 0".to_owned()),
+            Some((stands, _)) if stands.ends_with("done") && same(&stored[&plan.id].1, &plan) => {
+                (stands.clone(), "stay as it is".to_owned())
+            }
+            Some((stands, before)) if same(before, &plan) => (stands.clone(), "go on".to_owned()),
+            Some((stands, _)) => (stands.clone(), "redo what depends on changed input or settings".to_owned()),
+        };
+        table.row([plan.id.to_string(), stands, would]);
+    }
+    talk.data(&table.text())?;
+    let executor = &cohort.settings.settings.executor;
+    let workers = if executor.workers == 0 {
+        "one worker for each core".to_owned()
+    } else {
+        count(executor.workers as usize, "worker")
+    };
+    talk.data(&format!("{} in {}; {workers}\n", count(cohort.patients.len(), "patient"), folders.run.display()))?;
+    Ok(Exit::Ok)
+}
+
+/// Whether two plans lead to the same tasks. Settings that a rerun stored make them differ, too: `explain` tells.
+fn same(before: &ResolvedPatient, now: &ResolvedPatient) -> bool {
+    let tasks = |plan: &ResolvedPatient| {
+        let mut plan = plan.clone();
+        plan.settings.executor = Default::default();
+        for file in [&mut plan.step0.pressure, &mut plan.step0.volume].into_iter().flatten() {
+            file.path = PathBuf::new();
+        }
+        plan
+    };
+    tasks(before) == tasks(now)
+}

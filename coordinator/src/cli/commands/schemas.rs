@@ -1,0 +1,39 @@
+//! `cardiotwin schemas`: the JSON Schemas of every file format, for editors and other programs.
+
+use std::path::PathBuf;
+
+use clap::Args;
+
+use crate::cli::error::CliError;
+use crate::cli::exit::Exit;
+use crate::cli::talk::Talk;
+
+/// Print or write the JSON Schemas of all file formats
+#[derive(Debug, Args)]
+pub struct SchemasArgs {
+    /// Write a file per schema into this folder instead of one object to stdout
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+}
+
+/// Prints or writes.
+///
+/// # Errors
+/// [`CliError::File`] where the folder cannot be written.
+pub fn execute(args: &SchemasArgs, talk: &Talk) -> Result<Exit, CliError> {
+    let all = cardiotwin_schemas::json_schemas::all();
+    let Some(folder) = &args.out else {
+        let object: serde_json::Map<String, serde_json::Value> =
+            all.into_iter().map(|(name, schema)| (name.to_owned(), schema.to_value())).collect();
+        talk.json(&object)?;
+        return Ok(Exit::Ok);
+    };
+    std::fs::create_dir_all(folder).map_err(CliError::file("make", folder))?;
+    for (name, schema) in all {
+        let path = folder.join(name);
+        std::fs::write(&path, cardiotwin_schemas::json_schemas::text(&schema))
+            .map_err(CliError::file("write", &path))?;
+        talk.data(&format!("{}\n", path.display()))?;
+    }
+    Ok(Exit::Ok)
+}

@@ -1,0 +1,196 @@
+//! `cardiotwin show`: all about one patient.
+
+use cardiotwin_schemas::ids::PatientId;
+use cardiotwin_schemas::record::{IterationRecord, PatientRecord};
+use cardiotwin_schemas::settings::STEP1_PARAMETERS;
+use clap::Args;
+
+use crate::cli::error::CliError;
+use crate::cli::exit::Exit;
+use crate::cli::place::{Folders, OfCohort};
+use crate::cli::store::open;
+use crate::cli::table::{Columns, duration, number, optional, percent};
+use crate::cli::talk::{Talk, Tone};
+use crate::results::{Biomarker, PatientView, Step};
+
+/// All about one patient: results, iterations, parameters, failure and where its files lie
+#[derive(Debug, Args)]
+pub struct ShowArgs {
+    /// Whom
+    patient: String,
+    /// One JSON object instead of text
+    #[arg(long)]
+    json: bool,
+    #[command(flatten)]
+    of: OfCohort,
+}
+
+/// Shows the patient.
+///
+/// # Errors
+/// The store's.
+pub async fn execute(args: &ShowArgs, talk: &Talk) -> Result<Exit, CliError> {
+    let folders = args.of.folders();
+    let record = open(&folders).await?.patient_record(&PatientId(args.patient.clone())).await?;
+    if args.json {
+        talk.json(&record)?;
+        return Ok(Exit::Ok);
+    }
+    let sections = [
+        heading(&record),
+        biomarkers(&record, talk),
+        iterations(&record, talk),
+        cell(&record, talk),
+        estimates(&record, talk),
+        files(&record, talk),
+    ];
+    let sections: Vec<String> = sections.into_iter().filter(|section| !section.is_empty()).collect();
+    talk.data(&sections.join("\n"))?;
+    if let Some(hint) = hint(&record, &folders) {
+        talk.hint(&hint);
+    }
+    Ok(Exit::Ok)
+}
+
+fn heading(record: &PatientRecord) -> String {
+    let status = &record.status;
+    let mut text = format!("{}: {} {} for {}", status.patient, status.step, status.state, duration(status.for_s));
+    if !status.note.is_empty() {
+        text.push_str(&format!(" ({})", status.note));
+    }
+    text.push('\n');
+    if let Some(step1) = &record.step1 {
+        text.push_str(&format!("step 1 {step1}, cost {}\n", number(step1.cost)));
+    }
+    if let Some(fit) = &record.cell_fit {
+        let fit = &fit.result;
+        let how = if fit.converged { "converged" } else { "stopped at the limit" };
+        let cost = number(fit.cost);
+        text.push_str(&format!(
+            "step 2 {how}, cost {cost}, generation {}, {} cells\n",
+            fit.generations, fit.evaluations
+        ));
+        for target in &fit.unreachable_targets {
+            text.push_str(&format!("target not reachable: {target}\n"));
+        }
+    }
+    if let Some(failure) = &record.failure {
+        text.push_str(&format!("failure [{}]: {}\n", failure.class.as_str(), failure.message));
+        if let Some(remedy) = &failure.remedy {
+            text.push_str(&format!("remedy: {remedy}\n"));
+        }
+    }
+    text
+}
+
+fn biomarkers(record: &PatientRecord, talk: &Talk) -> String {
+    let view = PatientView(record);
+    if record.step0.is_none() {
+        return String::new();
+    }
+    let headings = ["BIOMARKER", ">MEASURED", ">STEP 1", ">DIFFERENCE", ">STEP 2", ">DIFFERENCE"];
+    let mut table = Columns::new(talk, &headings);
+    for biomarker in Biomarker::ALL {
+        let mut row = vec![biomarker.key().to_owned(), optional(biomarker.of(view.measured()))];
+        for step in [Step::Step1, Step::Step2] {
+            row.push(optional(view.simulated(step).and_then(|values| biomarker.of(values))));
+            row.push(percent(view.relative_difference(step, biomarker)));
+        }
+        if row[1..].iter().any(|cell| cell != "-") {
+            table.row(row);
+        }
+    }
+    table.text()
+}
+
+fn iterations(record: &PatientRecord, talk: &Talk) -> String {
+    if record.iterations.is_empty() {
+        return String::new();
+    }
+    let mut headings = vec![">ITERATION", ">COST"];
+    let names: Vec<String> = STEP1_PARAMETERS.iter().map(|name| format!(">{name}")).collect();
+    headings.extend(names.iter().map(String::as_str));
+    headings.push("NOTE");
+    let mut table = Columns::new(talk, &headings);
+    let best = PatientView(record).best_iteration().map(|iteration| iteration.number);
+    for iteration in &record.iterations {
+        let mut row = vec![(iteration.number.to_string(), None), (optional(iteration.cost), None)];
+        row.extend(iteration.parameters.updated().iter().map(|value| (number(*value), None)));
+        row.push(note(iteration, best == Some(iteration.number)));
+        table.toned(row);
+    }
+    table.text()
+}
+
+fn note(iteration: &IterationRecord, best: bool) -> (String, Option<Tone>) {
+    match &iteration.failure {
+        Some(failure) => (format!("failed [{}]: {}", failure.class.as_str(), failure.message), Some(Tone::Bad)),
+        None if best => ("best".to_owned(), Some(Tone::Good)),
+        None => (String::new(), None),
+    }
+}
+
+fn cell(record: &PatientRecord, talk: &Talk) -> String {
+    let Some(fit) = &record.cell_fit else { return String::new() };
+    let mut table = Columns::new(talk, &["CELL PARAMETER", ">VALUE", ">LOWER", ">UPPER", "NOTE"]);
+    for parameter in &fit.result.parameters {
+        let note =
+            if parameter.at_bound { ("at a bound".to_owned(), Some(Tone::Doubtful)) } else { (String::new(), None) };
+        let mut row: Vec<(String, Option<Tone>)> = vec![(parameter.name.clone(), None)];
+        row.extend([parameter.value, parameter.lower, parameter.upper].map(|value| (number(value), None)));
+        row.push(note);
+        table.toned(row);
+    }
+    table.text()
+}
+
+fn estimates(record: &PatientRecord, talk: &Talk) -> String {
+    let Some(step0) = &record.step0 else { return String::new() };
+    let mut text = String::new();
+    if !step0.result.estimates.is_empty() {
+        let mut table = Columns::new(talk, &["ESTIMATED", ">VALUE", "HOW"]);
+        for estimate in &step0.result.estimates {
+            table.row([estimate.key.clone(), number(estimate.value), estimate.method.clone()]);
+        }
+        text = table.text();
+    }
+    for remark in &step0.result.remarks {
+        text.push_str(&format!("remark: {remark}\n"));
+    }
+    text
+}
+
+fn files(record: &PatientRecord, talk: &Talk) -> String {
+    let mut table = Columns::new(talk, &["FILES OF", "FOLDER"]);
+    let mut n_rows = 0;
+    let mut row = |name: String, folder: &std::path::Path| {
+        n_rows += 1;
+        table.row([name, folder.display().to_string()]);
+    };
+    if let Some(task) = &record.step0 {
+        row("step-0".to_owned(), &task.directory);
+    }
+    if let Some((iteration, run)) = PatientView(record).best_iteration().and_then(|i| Some((i, i.run.as_ref()?))) {
+        row(format!("step-1 iteration {}", iteration.number), &run.directory);
+    }
+    if let Some(task) = &record.targets {
+        row("targets".to_owned(), &task.directory);
+    }
+    if let Some(task) = &record.cell_fit {
+        row("step-2".to_owned(), &task.directory);
+    }
+    if let Some(task) = &record.verification {
+        row("verification".to_owned(), &task.directory);
+    }
+    if n_rows == 0 { String::new() } else { table.text() }
+}
+
+fn hint(record: &PatientRecord, folders: &Folders) -> Option<String> {
+    let (id, of) = (&record.plan.id, folders.as_argument("--cohort "));
+    if record.failure.is_some() {
+        return Some(format!("`cardiotwin logs {id}{of}` shows what the worker said"));
+    }
+    let stalled = record.step1.is_some() && !PatientView(record).step1_converged();
+    stalled
+        .then(|| format!("`cardiotwin rerun {id} --from step1 --damping 0.5{of}` goes on from the stored iterations"))
+}

@@ -1,0 +1,265 @@
+//! `cardiotwin status`: one screen of a run, failures first.
+
+use std::time::Duration;
+
+use cardiotwin_schemas::status::{PatientStatus, Status};
+use clap::Args;
+
+use crate::cli::error::CliError;
+use crate::cli::exit::Exit;
+use crate::cli::place::{Folders, Place};
+use crate::cli::store::open;
+use crate::cli::table::{Columns, duration, optional};
+use crate::cli::talk::{Talk, Tone};
+
+/// Rows that a terminal shows; `--all` shows the rest.
+const ROWS: usize = 60;
+/// Characters of a note.
+const LONGEST_NOTE: usize = 100;
+
+/// Where each patient stands, failures first
+#[derive(Debug, Args)]
+pub struct StatusArgs {
+    #[command(flatten)]
+    place: Place,
+    /// One JSON object (status.schema.json) instead of a table
+    #[arg(long)]
+    json: bool,
+    /// Show again every two seconds until the run is over
+    #[arg(long)]
+    watch: bool,
+    /// Failed patients only
+    #[arg(long)]
+    failed: bool,
+    /// Every patient, however many
+    #[arg(long)]
+    all: bool,
+}
+
+/// Shows the run.
+///
+/// # Errors
+/// The store's.
+pub async fn execute(args: &StatusArgs, talk: &Talk) -> Result<Exit, CliError> {
+    let folders = args.place.folders();
+    let reader = open(&folders).await?;
+    loop {
+        let mut status = reader.status().await?;
+        if args.failed {
+            status.patients.retain(|patient| patient.state == "failed");
+        }
+        if args.json {
+            talk.json(&status)?;
+        } else {
+            if args.watch && talk.colour_out {
+                talk.data("\x1b[H\x1b[2J")?;
+            }
+            let rows = if args.all || args.failed { usize::MAX } else { ROWS };
+            talk.data(&screen(&status, rows, talk))?;
+            if let Some(hint) = hint(&status, &folders) {
+                talk.hint(&hint);
+            }
+        }
+        if !args.watch || (is_over(&status) && !status.coordinator_running) {
+            return Ok(Exit::Ok);
+        }
+        tokio::time::sleep(Duration::from_secs(2)).await;
+    }
+}
+
+fn is_over(status: &Status) -> bool {
+    status.counts.iter().all(|(state, n)| *n == 0 || ["done", "failed", "cancelled"].contains(&state.as_str()))
+}
+
+/// The table with its stamp.
+#[must_use]
+pub fn screen(status: &Status, rows: usize, talk: &Talk) -> String {
+    let mut table = Columns::new(talk, &["PATIENT", "STEP", "STATE", "ITER", ">COST", ">FOR", "NOTE"]);
+    for patient in status.patients.iter().take(rows) {
+        table.toned(row(patient));
+    }
+    let mut text = table.text();
+    if status.patients.len() > rows {
+        text.push_str(&format!(
+            "… {} more; --all shows them, --failed the failed ones\n",
+            status.patients.len() - rows
+        ));
+    }
+    let counts: Vec<String> =
+        status.counts.iter().filter(|(_, n)| **n > 0).map(|(state, n)| format!("{n} {state}")).collect();
+    let counts = if counts.is_empty() { "no patients".to_owned() } else { counts.join(", ") };
+    let coordinator = if status.coordinator_running { "a coordinator is running" } else { "no coordinator is running" };
+    text.push_str(&format!("{}: {counts}; {coordinator}; as of {}\n", status.cohort, status.as_of));
+    text
+}
+
+fn row(patient: &PatientStatus) -> Vec<(String, Option<Tone>)> {
+    let tone = match patient.state.as_str() {
+        "failed" => Some(Tone::Bad),
+        "unknown" | "cancelled" => Some(Tone::Doubtful),
+        "done" => Some(Tone::Good),
+        "waiting" => Some(Tone::Quiet),
+        _ => None,
+    };
+    let stalled = patient.step1_quality.as_deref().filter(|quality| quality.starts_with("stalled"));
+    let mut note = Vec::new();
+    note.extend(stalled.filter(|quality| !patient.note.contains(*quality)).map(str::to_owned));
+    if let Some(class) = patient.failure_class {
+        note.push(format!("[{}] {}", class.as_str(), patient.note));
+    } else if !patient.note.is_empty() {
+        note.push(patient.note.clone());
+    }
+    let cost = match patient.step.as_str() {
+        "step-2" | "verification" | "done" => patient.step2_cost.or(patient.step1_cost),
+        _ => patient.step1_cost,
+    };
+    vec![
+        (patient.patient.clone(), None),
+        (patient.step.clone(), None),
+        (patient.state.clone(), tone),
+        (patient.iteration.map_or("-".to_owned(), |(now, limit)| format!("{now}/{limit}")), None),
+        (optional(cost), None),
+        (duration(patient.for_s), None),
+        (shortened(&note.join("; ")), stalled.map(|_| Tone::Doubtful)),
+    ]
+}
+
+/// A note that fits beside the other columns; `show` and `--json` have all of it.
+fn shortened(note: &str) -> String {
+    if note.chars().count() <= LONGEST_NOTE {
+        return note.to_owned();
+    }
+    format!("{}…", note.chars().take(LONGEST_NOTE - 1).collect::<String>().trim_end())
+}
+
+/// What to do next, where something is to be done.
+#[must_use]
+pub fn hint(status: &Status, folders: &Folders) -> Option<String> {
+    let of = folders.as_argument("--cohort ");
+    let place = folders.as_argument("");
+    if let Some(failed) = status.patients.iter().find(|patient| patient.state == "failed") {
+        let id = &failed.patient;
+        return Some(match failed.failure_class {
+            Some(cardiotwin_schemas::failure::FailureClass::Site) => {
+                format!("`cardiotwin logs {id}{of}` shows what happened, `cardiotwin retry {id}{of}` tries again")
+            }
+            _ => format!("`cardiotwin show {id}{of}` tells more"),
+        });
+    }
+    let waiting = status.patients.iter().any(|p| !["done", "cancelled"].contains(&p.state.as_str()));
+    (waiting && !status.coordinator_running).then(|| format!("`cardiotwin run{place}` goes on"))
+}
+
+#[cfg(test)]
+mod tests {
+    use cardiotwin_schemas::failure::FailureClass;
+
+    use super::*;
+
+    const PLAIN: Talk = Talk { colour_out: false, colour_err: false, quiet: true, bars: false };
+
+    fn patient(id: &str, step: &str, state: &str) -> PatientStatus {
+        PatientStatus {
+            patient: id.into(),
+            step: step.into(),
+            state: state.into(),
+            iteration: None,
+            step1_cost: None,
+            step1_quality: None,
+            step2_cost: None,
+            for_s: 12.3,
+            failure_class: None,
+            note: String::new(),
+        }
+    }
+
+    fn status() -> Status {
+        Status {
+            schema_version: 1,
+            cohort: "coa-seven".into(),
+            as_of: "2026-03-01T12:00:00.000Z".into(),
+            coordinator_running: true,
+            counts: [("failed".into(), 1), ("running".into(), 2), ("done".into(), 1), ("waiting".into(), 1)].into(),
+            patients: vec![
+                PatientStatus {
+                    failure_class: Some(FailureClass::Numerics),
+                    note: "verification diverged at 212 ms".into(),
+                    for_s: 4360.0,
+                    ..patient("04-CoA", "verification", "failed")
+                },
+                PatientStatus {
+                    iteration: Some((3, 10)),
+                    step1_cost: Some(0.1832),
+                    note: "iteration 4".into(),
+                    ..patient("02-CoA", "step-1", "running")
+                },
+                PatientStatus {
+                    iteration: Some((9, 10)),
+                    step1_cost: Some(0.142),
+                    step1_quality: Some("stalled: best iteration 9".into()),
+                    note: "generation 41, cost 0.0432".into(),
+                    ..patient("03-CoA", "step-2", "running")
+                },
+                patient("05-CoA", "step-0", "waiting"),
+                PatientStatus {
+                    iteration: Some((2, 10)),
+                    step1_cost: Some(0.083),
+                    step1_quality: Some("converged: iteration 2".into()),
+                    step2_cost: Some(0.0071),
+                    ..patient("01-CoA", "done", "done")
+                },
+            ],
+        }
+    }
+
+    #[test]
+    fn failures_stand_first_and_columns_line_up() {
+        insta::assert_snapshot!(screen(&status(), 60, &PLAIN));
+    }
+
+    #[test]
+    fn a_long_cohort_is_cut_and_says_so() {
+        assert!(screen(&status(), 2, &PLAIN).contains("… 3 more; --all shows them"));
+    }
+
+    #[test]
+    fn a_long_note_is_cut_where_the_table_would_wrap() {
+        let mut long = status();
+        long.patients[0].note = "é".repeat(300);
+        let screen = screen(&long, 60, &PLAIN);
+        assert!(screen.lines().nth(1).unwrap().ends_with("é…"), "{screen}");
+        assert!(screen.lines().all(|line| line.chars().count() < 170), "{screen}");
+    }
+
+    #[test]
+    fn the_hint_names_the_failed_patient_and_the_place() {
+        let folders = Folders { cohort: Some("c".into()), run: "c/run".into() };
+        assert_eq!(hint(&status(), &folders).unwrap(), "`cardiotwin show 04-CoA --cohort c` tells more");
+        let mut site = status();
+        site.patients[0].failure_class = Some(FailureClass::Site);
+        assert!(hint(&site, &folders).unwrap().contains("retry 04-CoA --cohort c"));
+        let mut stopped = status();
+        stopped.patients.remove(0);
+        assert_eq!(hint(&stopped, &folders), None, "a coordinator is at it");
+        stopped.coordinator_running = false;
+        assert_eq!(hint(&stopped, &folders).unwrap(), "`cardiotwin run c` goes on");
+    }
+
+    #[test]
+    fn colour_adds_nothing_to_the_words() {
+        let coloured = screen(&status(), 60, &Talk { colour_out: true, ..PLAIN });
+        assert!(coloured.contains("\x1b["));
+        let mut plain = String::new();
+        let mut inside = false;
+        for c in coloured.chars() {
+            match c {
+                '\x1b' => inside = true,
+                'm' if inside => inside = false,
+                c if !inside => plain.push(c),
+                _ => {}
+            }
+        }
+        let words = |text: &str| text.split_whitespace().map(str::to_owned).collect::<Vec<_>>();
+        assert_eq!(words(&plain), words(&screen(&status(), 60, &PLAIN)));
+    }
+}

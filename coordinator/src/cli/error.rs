@@ -1,0 +1,102 @@
+//! What ends a command, and with which exit code.
+
+use std::path::PathBuf;
+
+use crate::engine::{EngineError, LockError, StoreError};
+use crate::export::ExportError;
+use crate::report::ReportError;
+
+use super::exit::Exit;
+
+/// A command could not do what it was asked.
+#[derive(Debug, thiserror::Error)]
+pub enum CliError {
+    /// The loop or a request.
+    #[error(transparent)]
+    Engine(#[from] EngineError),
+    /// Reading a run.
+    #[error(transparent)]
+    Store(#[from] StoreError),
+    /// Drawing the report.
+    #[error("cannot write the report")]
+    Report(#[from] ReportError),
+    /// Writing tables.
+    #[error("cannot export")]
+    Export(#[from] ExportError),
+    /// Problems that were printed one by one before.
+    #[error("{errors} in the input; nothing was run (`cardiotwin check` looks again)")]
+    Input {
+        /// How many, in words.
+        errors: String,
+    },
+    /// Arguments that contradict each other or name nothing.
+    #[error("{0}")]
+    Usage(String),
+    /// A file or directory.
+    #[error("cannot {what} {path}")]
+    File {
+        /// Verb.
+        what: &'static str,
+        /// Which.
+        path: PathBuf,
+        /// Why.
+        source: std::io::Error,
+    },
+    /// The worker's answer.
+    #[error("{worker}: {message}")]
+    Worker {
+        /// Which executable.
+        worker: PathBuf,
+        /// What it said.
+        message: String,
+    },
+    /// A simulation that did not succeed.
+    #[error("{message}")]
+    Simulation {
+        /// How it ended.
+        message: String,
+    },
+    /// The terminal, a pipe or a signal handler.
+    #[error("{what}")]
+    Io {
+        /// What was tried.
+        what: &'static str,
+        /// Why.
+        source: std::io::Error,
+    },
+}
+
+impl CliError {
+    /// A failed operation on a file.
+    pub fn file(what: &'static str, path: impl Into<PathBuf>) -> impl FnOnce(std::io::Error) -> Self {
+        let path = path.into();
+        move |source| Self::File { what, path, source }
+    }
+
+    /// The exit code that belongs to it.
+    #[must_use]
+    pub fn exit(&self) -> Exit {
+        match self {
+            Self::Engine(EngineError::Lock(LockError::Held { .. })) => Exit::Locked,
+            Self::Engine(EngineError::Store(error)) | Self::Store(error) => store_exit(error),
+            Self::Engine(EngineError::NoSpace { .. } | EngineError::Plan { .. }) => Exit::Store,
+            Self::Engine(EngineError::Transition(_)) => Exit::Bug,
+            Self::Engine(EngineError::Request { .. }) | Self::Usage(_) => Exit::Usage,
+            Self::Input { .. } => Exit::Input,
+            Self::Simulation { .. } => Exit::Problems,
+            Self::Engine(_)
+            | Self::Report(_)
+            | Self::Export(_)
+            | Self::File { .. }
+            | Self::Worker { .. }
+            | Self::Io { .. } => Exit::System,
+        }
+    }
+}
+
+fn store_exit(error: &StoreError) -> Exit {
+    match error {
+        StoreError::NoPatient { .. } => Exit::Usage,
+        _ => Exit::Store,
+    }
+}

@@ -1,0 +1,110 @@
+//! Exit codes, all of them; `--help` and docs/operations.md list them from here.
+
+use std::process::ExitCode;
+
+/// How the program ended, for scripts.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Exit {
+    /// Everything asked for was done.
+    Ok,
+    /// `check` found problems, or patients failed or were cancelled in a run.
+    Problems,
+    /// The command line makes no sense.
+    Usage,
+    /// Cohort, patients or settings are wrong: nothing was run.
+    Input,
+    /// Another coordinator works on this run.
+    Locked,
+    /// The run's database is missing, damaged, from a newer version, or cannot be written.
+    Store,
+    /// A file, a directory or the worker's executable.
+    System,
+    /// A defect of ours.
+    Bug,
+    /// Stopped by Ctrl-C or SIGTERM; the same command goes on.
+    Interrupted,
+}
+
+impl Exit {
+    /// All of them, in the order of their codes.
+    pub const ALL: [Self; 9] = [
+        Self::Ok,
+        Self::Problems,
+        Self::Usage,
+        Self::Input,
+        Self::Locked,
+        Self::Store,
+        Self::System,
+        Self::Bug,
+        Self::Interrupted,
+    ];
+
+    /// The number that the shell sees.
+    #[must_use]
+    pub fn code(self) -> u8 {
+        match self {
+            Self::Ok => 0,
+            Self::Problems => 1,
+            Self::Usage => 2,
+            Self::Input => 3,
+            Self::Locked => 4,
+            Self::Store => 5,
+            Self::System => 6,
+            Self::Bug => 70,
+            Self::Interrupted => 130,
+        }
+    }
+
+    /// What it means.
+    #[must_use]
+    pub fn meaning(self) -> &'static str {
+        match self {
+            Self::Ok => "everything asked for was done",
+            Self::Problems => "`check` found problems; patients of the run failed or were cancelled",
+            Self::Usage => "the command line makes no sense",
+            Self::Input => "cohort, patient files or settings are wrong; nothing was run",
+            Self::Locked => "another coordinator works on this run",
+            Self::Store => "the run's database is missing, damaged, of a newer version, or cannot be written",
+            Self::System => "a file, a directory or the worker's executable",
+            Self::Bug => "a defect of cardiotwin: please report it",
+            Self::Interrupted => "stopped by Ctrl-C or SIGTERM; the same command goes on",
+        }
+    }
+
+    /// The table for `--help`.
+    #[must_use]
+    pub fn help() -> String {
+        let mut text = "Exit codes:".to_owned();
+        for exit in Self::ALL {
+            text.push_str(&format!("\n  {:>3}  {}", exit.code(), exit.meaning()));
+        }
+        text
+    }
+}
+
+impl From<Exit> for ExitCode {
+    fn from(exit: Exit) -> Self {
+        Self::from(exit.code())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn docs_list_every_code_with_its_meaning() {
+        let docs = concat!(env!("CARGO_MANIFEST_DIR"), "/../docs/operations.md");
+        let docs = std::fs::read_to_string(docs).unwrap();
+        for exit in Exit::ALL {
+            let row = format!("| {} | {} |", exit.code(), exit.meaning());
+            assert!(docs.contains(&row), "docs/operations.md lacks the row {row}");
+        }
+    }
+
+    #[test]
+    fn codes_are_distinct_and_in_order() {
+        let codes = Exit::ALL.map(Exit::code);
+        assert!(codes.windows(2).all(|pair| pair[0] < pair[1]), "{codes:?}");
+    }
+}

@@ -1,0 +1,134 @@
+//! The command line: arguments, tables, progress, exit codes. Data on stdout, talk on stderr; no SQL.
+
+mod answer;
+mod commands;
+mod error;
+mod event_log;
+mod exit;
+mod logging;
+mod place;
+mod problems;
+mod progress;
+mod store;
+mod summary;
+mod table;
+mod talk;
+#[cfg(test)]
+mod tests;
+
+use std::process::ExitCode;
+
+use clap::{CommandFactory as _, Parser, Subcommand};
+
+pub use error::CliError;
+pub use exit::Exit;
+
+use commands::{
+    bench, cancel, check, compare, completions, config, explain, export, init, logs, man, report, rerun, retry, run,
+    schemas, show, simulate, status,
+};
+use logging::LogFormat;
+use talk::{ColourChoice, Talk};
+
+/// Personalised cardiac digital twins: a cohort in, twins out
+#[derive(Debug, Parser)]
+#[command(name = "cardiotwin", version, max_term_width = 110, after_help = Exit::help())]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+    #[command(flatten)]
+    global: Global,
+}
+
+#[derive(Debug, clap::Args)]
+#[command(next_help_heading = "Everywhere")]
+struct Global {
+    /// Log more: -v what happens, -vv how, -vvv everything
+    #[arg(short, long, action = clap::ArgAction::Count, global = true)]
+    verbose: u8,
+    /// Say only errors
+    #[arg(short, long, global = true, conflicts_with = "verbose")]
+    quiet: bool,
+    /// How log lines on stderr look: human or json
+    #[arg(long, value_name = "FORMAT", value_enum, hide_possible_values = true, default_value_t = LogFormat::Human, global = true)]
+    log_format: LogFormat,
+    /// When to use colour: auto, always or never; NO_COLOR is respected
+    #[arg(long, alias = "colour", value_name = "WHEN", value_enum, hide_possible_values = true, default_value_t = ColourChoice::Auto, global = true)]
+    color: ColourChoice,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    Init(init::InitArgs),
+    Check(check::CheckArgs),
+    Config(config::ConfigArgs),
+    Run(run::RunArgs),
+    Simulate(simulate::SimulateArgs),
+    Status(status::StatusArgs),
+    Show(show::ShowArgs),
+    Explain(explain::ExplainArgs),
+    Logs(logs::LogsArgs),
+    Rerun(rerun::RerunArgs),
+    Retry(retry::RetryArgs),
+    Cancel(cancel::CancelArgs),
+    Compare(compare::CompareArgs),
+    Report(report::ReportArgs),
+    Export(export::ExportArgs),
+    Bench(bench::BenchArgs),
+    Completions(completions::CompletionsArgs),
+    Man(man::ManArgs),
+    Schemas(schemas::SchemasArgs),
+}
+
+/// The whole command as clap knows it: for completions, manual pages and tests.
+#[must_use]
+pub fn command() -> clap::Command {
+    Cli::command()
+}
+
+/// The program: arguments in, exit code out.
+#[must_use]
+pub fn main() -> ExitCode {
+    let cli = Cli::parse();
+    let talk = Talk::new(cli.global.color, cli.global.quiet);
+    logging::start(cli.global.verbose, cli.global.quiet, cli.global.log_format, talk.colour_err);
+    let runtime = match tokio::runtime::Builder::new_multi_thread().enable_all().build() {
+        Ok(runtime) => runtime,
+        Err(source) => {
+            talk.error(&CliError::Io { what: "cannot start threads", source });
+            return Exit::System.into();
+        }
+    };
+    let exit = match runtime.block_on(execute(&cli.command, &talk)) {
+        Ok(exit) => exit,
+        Err(error) => {
+            talk.error(&error);
+            error.exit()
+        }
+    };
+    exit.into()
+}
+
+async fn execute(command: &Command, talk: &Talk) -> Result<Exit, CliError> {
+    match command {
+        Command::Init(args) => init::execute(args, talk),
+        Command::Check(args) => check::execute(args, talk),
+        Command::Config(args) => config::execute(args, talk).await,
+        Command::Run(args) => run::execute(args, talk).await,
+        Command::Simulate(args) => simulate::execute(args, talk).await,
+        Command::Status(args) => status::execute(args, talk).await,
+        Command::Show(args) => show::execute(args, talk).await,
+        Command::Explain(args) => explain::execute(args, talk).await,
+        Command::Logs(args) => logs::execute(args, talk).await,
+        Command::Rerun(args) => rerun::execute(args, talk).await,
+        Command::Retry(args) => retry::execute(args, talk).await,
+        Command::Cancel(args) => cancel::execute(args, talk).await,
+        Command::Compare(args) => compare::execute(args, talk).await,
+        Command::Report(args) => report::execute(args, talk).await,
+        Command::Export(args) => export::execute(args, talk).await,
+        Command::Bench(args) => bench::execute(args, talk).await,
+        Command::Completions(args) => completions::execute(args, talk),
+        Command::Man(args) => man::execute(args, talk),
+        Command::Schemas(args) => schemas::execute(args, talk),
+    }
+}

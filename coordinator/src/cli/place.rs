@@ -1,0 +1,108 @@
+//! Which cohort and which run a command is about.
+
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+
+/// A cohort or run as the first argument.
+#[derive(Debug, Clone, Args)]
+pub struct Place {
+    /// Folder of the cohort (with cohort.toml) or of the run (with cardiotwin.db)
+    #[arg(value_name = "COHORT", default_value = ".")]
+    pub folder: PathBuf,
+    /// Folder of the run [default: COHORT/run]
+    #[arg(long, value_name = "DIR")]
+    pub run_dir: Option<PathBuf>,
+}
+
+/// A cohort or run beside a patient, who is the first argument.
+#[derive(Debug, Clone, Args)]
+pub struct OfCohort {
+    /// Folder of the cohort (with cohort.toml) or of the run (with cardiotwin.db)
+    #[arg(long, value_name = "DIR", default_value = ".")]
+    pub cohort: PathBuf,
+    /// Folder of the run [default: COHORT/run]
+    #[arg(long, value_name = "DIR")]
+    pub run_dir: Option<PathBuf>,
+}
+
+/// Where things are.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Folders {
+    /// The cohort; absent where only a run was named.
+    pub cohort: Option<PathBuf>,
+    /// The run; it need not exist.
+    pub run: PathBuf,
+}
+
+/// File that tells a run's folder.
+const DATABASE: &str = "cardiotwin.db";
+/// File that tells a cohort's folder.
+const COHORT: &str = "cohort.toml";
+
+impl Folders {
+    /// Reads the arguments as a person means them.
+    #[must_use]
+    pub fn of(folder: &Path, run_dir: Option<&Path>) -> Self {
+        let is_run = folder.join(DATABASE).exists() && !folder.join(COHORT).exists();
+        match run_dir {
+            Some(run) => Self { cohort: Some(folder.to_owned()), run: run.to_owned() },
+            None if is_run => Self { cohort: None, run: folder.to_owned() },
+            // `run/…` reads better than `./run/…`.
+            None if folder == Path::new(".") => Self { cohort: Some(folder.to_owned()), run: PathBuf::from("run") },
+            None => Self { cohort: Some(folder.to_owned()), run: folder.join("run") },
+        }
+    }
+
+    /// How to name this place to another command: ` my-cohort`, nothing for the current directory.
+    #[must_use]
+    pub fn as_argument(&self, option: &str) -> String {
+        let folder = self.cohort.as_ref().unwrap_or(&self.run);
+        let mut text = String::new();
+        if folder != Path::new(".") {
+            text = format!(" {option}{}", folder.display());
+        }
+        if let Some(cohort) = &self.cohort
+            && self.run != Self::of(cohort, None).run
+        {
+            text.push_str(&format!(" --run-dir {}", self.run.display()));
+        }
+        text
+    }
+}
+
+impl Place {
+    /// Where things are.
+    #[must_use]
+    pub fn folders(&self) -> Folders {
+        Folders::of(&self.folder, self.run_dir.as_deref())
+    }
+}
+
+impl OfCohort {
+    /// Where things are.
+    #[must_use]
+    pub fn folders(&self) -> Folders {
+        Folders::of(&self.cohort, self.run_dir.as_deref())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_folder_is_a_cohort_or_a_run() {
+        let folder = tempfile::tempdir().unwrap();
+        let cohort = folder.path().join("c");
+        std::fs::create_dir_all(cohort.join("run")).unwrap();
+        std::fs::write(cohort.join("run/cardiotwin.db"), "").unwrap();
+        let of_cohort = Folders::of(&cohort, None);
+        assert_eq!(of_cohort, Folders { cohort: Some(cohort.clone()), run: cohort.join("run") });
+        let of_run = Folders::of(&cohort.join("run"), None);
+        assert_eq!(of_run, Folders { cohort: None, run: cohort.join("run") });
+        let elsewhere = Folders::of(&cohort, Some(Path::new("/x")));
+        assert_eq!(elsewhere.as_argument(""), format!(" {} --run-dir /x", cohort.display()));
+        assert_eq!(Folders::of(Path::new("."), None).as_argument("--cohort "), "");
+    }
+}

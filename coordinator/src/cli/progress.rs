@@ -1,0 +1,189 @@
+//! What a person sees while a run goes on: bars on a terminal, plain lines elsewhere.
+
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+use cardiotwin_schemas::ids::PatientId;
+use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
+
+use super::event_log;
+use super::talk::{Talk, Tone, paint};
+use crate::engine::{EngineEvent, PatientEnding};
+
+/// Shows engine events as they come.
+pub struct Watcher {
+    talk: Talk,
+    bars: Option<Bars>,
+}
+
+struct Bars {
+    all: MultiProgress,
+    overall: ProgressBar,
+    patients: BTreeMap<PatientId, ProgressBar>,
+}
+
+impl Watcher {
+    /// A watcher for this terminal, or the lack of one.
+    #[must_use]
+    pub fn new(talk: &Talk) -> Self {
+        let bars = talk.bars.then(|| {
+            let all = MultiProgress::new();
+            let overall = all.add(ProgressBar::new(0));
+            overall.set_style(style("{elapsed_precise} [{bar:30}] {pos}/{len} patients {wide_msg}"));
+            overall.enable_steady_tick(Duration::from_millis(250));
+            Bars { all, overall, patients: BTreeMap::new() }
+        });
+        Self { talk: *talk, bars }
+    }
+
+    /// Shows one event; `instead` replaces its line.
+    pub fn on(&mut self, event: &EngineEvent, instead: Option<&str>) {
+        event_log::log(event);
+        let text = instead.map(str::to_owned).or_else(|| line(event, self.talk.colour_err));
+        if let Some(text) = text {
+            self.say(text.trim_end());
+        }
+        if let Some(bars) = &mut self.bars {
+            bars.on(event);
+        }
+    }
+
+    /// Says a line above the bars.
+    pub fn say(&self, text: &str) {
+        match &self.bars {
+            Some(bars) => bars.all.suspend(|| self.talk.say(text)),
+            None => self.talk.say(text),
+        }
+    }
+
+    /// Takes the bars away.
+    pub fn finish(self) {
+        if let Some(bars) = self.bars {
+            bars.patients.values().for_each(ProgressBar::finish_and_clear);
+            bars.overall.finish_and_clear();
+        }
+    }
+}
+
+impl Bars {
+    fn on(&mut self, event: &EngineEvent) {
+        match event {
+            EngineEvent::Started { patients, settled, .. } => {
+                self.overall.set_length(*patients as u64);
+                self.overall.set_position(*settled as u64);
+            }
+            EngineEvent::TaskStarted { patient, step, .. } => {
+                let bar = self.patient(patient);
+                bar.set_length(0);
+                bar.set_message(step.clone());
+            }
+            EngineEvent::Progress { patient, step, done, total, note, .. } => {
+                let bar = self.patient(patient);
+                bar.set_length(total.unwrap_or(0.0) as u64);
+                bar.set_position(*done as u64);
+                bar.set_message(format!("{step}  {note}"));
+            }
+            EngineEvent::PatientEnded { patient, over, of, .. } => {
+                if let Some(bar) = self.patients.remove(patient) {
+                    bar.finish_and_clear();
+                    self.all.remove(&bar);
+                }
+                self.overall.set_length(*of as u64);
+                self.overall.set_position(*over as u64);
+            }
+            EngineEvent::Stopping { .. } => self.overall.set_message("stopping"),
+            _ => {}
+        }
+    }
+
+    fn patient(&mut self, patient: &PatientId) -> &ProgressBar {
+        let all = &self.all;
+        self.patients.entry(patient.clone()).or_insert_with(|| {
+            let bar = all.add(ProgressBar::new(0));
+            bar.set_style(style("  {prefix:12} {wide_msg}"));
+            bar.set_prefix(patient.to_string());
+            bar
+        })
+    }
+}
+
+fn style(template: &str) -> ProgressStyle {
+    ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar()).progress_chars("=> ")
+}
+
+/// An event as a line, where it deserves one.
+#[must_use]
+pub fn line(event: &EngineEvent, colour: bool) -> Option<String> {
+    Some(match event {
+        EngineEvent::Started { settled: 0, adopted: 0, .. } => return None,
+        EngineEvent::Started { patients, settled, adopted } => {
+            let adopted = match adopted {
+                0 => String::new(),
+                n => format!("; {n} still running from an earlier coordinator, adopted"),
+            };
+            format!("{settled} of {patients} patients are over already{adopted}")
+        }
+        EngineEvent::TaskPublished { patient, step, note } => format!("{patient}  {}  {note}", spaced(step)),
+        EngineEvent::AttemptFailed { patient, step, generation, failure, retried } => {
+            let failed = paint(colour, Tone::Bad, "failed");
+            let class = failure.class.as_str();
+            let next = if *retried { "; it is tried again" } else { "" };
+            format!("{patient}  {}  try {generation} {failed} [{class}]: {}{next}", spaced(step), failure.message)
+        }
+        EngineEvent::Step1Ended { patient, summary } => format!("{patient}  step-1  {summary}"),
+        EngineEvent::PatientEnded { patient, ending, over, of } => {
+            let ending = match ending {
+                PatientEnding::Done => paint(colour, Tone::Good, "done"),
+                PatientEnding::Failed(failure) => {
+                    format!("{} [{}]: {}", paint(colour, Tone::Bad, "failed"), failure.class.as_str(), failure.message)
+                }
+                PatientEnding::Cancelled => paint(colour, Tone::Doubtful, "cancelled"),
+            };
+            format!("{patient}  {ending}  ({over} of {of})")
+        }
+        EngineEvent::Request { text } => text.clone(),
+        EngineEvent::Stopping { running, draining: true } => format!(
+            "stopping: {running} running, short tasks are given time to finish; Ctrl-C again stops now; \
+             nothing finished is lost, the same command goes on"
+        ),
+        EngineEvent::Stopping { running, draining: false } => {
+            format!("stopping now: {running} running are ended; nothing finished is lost, the same command goes on")
+        }
+        EngineEvent::TaskStarted { .. } | EngineEvent::Progress { .. } => return None,
+    })
+}
+
+/// `step-1 iteration 3` as two columns.
+fn spaced(step: &str) -> String {
+    step.replacen(' ', "  ", 1)
+}
+
+#[cfg(test)]
+mod tests {
+    use cardiotwin_schemas::failure::{Failure, FailureClass};
+
+    use super::*;
+
+    #[test]
+    fn lines_for_pipes_and_logs() {
+        let published = EngineEvent::TaskPublished {
+            patient: "01-CoA".into(),
+            step: "step-1 iteration 3".into(),
+            note: "cost 0.082".into(),
+        };
+        assert_eq!(line(&published, false).unwrap(), "01-CoA  step-1  iteration 3  cost 0.082");
+        let failed = EngineEvent::AttemptFailed {
+            patient: "04-CoA".into(),
+            step: "step-2".into(),
+            generation: 1,
+            failure: Failure::new(FailureClass::Site, "worker killed by signal 9"),
+            retried: true,
+        };
+        assert_eq!(
+            line(&failed, false).unwrap(),
+            "04-CoA  step-2  try 1 failed [site]: worker killed by signal 9; it is tried again"
+        );
+        let stop = EngineEvent::Stopping { running: 2, draining: true };
+        assert!(line(&stop, false).unwrap().contains("the same command goes on"));
+    }
+}

@@ -1,0 +1,39 @@
+//! Opening a run for reading.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use cardiotwin_schemas::ids::PatientId;
+use serde_json::Value;
+
+use super::error::CliError;
+use super::place::Folders;
+use crate::engine::{Reader, StoreError};
+
+/// The run of these folders.
+///
+/// # Errors
+/// The store's, each saying what to do.
+pub async fn open(folders: &Folders) -> Result<Reader, CliError> {
+    Ok(Reader::open(&folders.run).await?)
+}
+
+/// What `rerun` stored for a patient, by its name; empty where nothing was run yet.
+///
+/// # Errors
+/// The store's, but not that there is no store or no such patient in it.
+pub async fn stored_overrides(run_dir: &Path, patient: &str) -> Result<BTreeMap<String, Value>, CliError> {
+    let overrides = match Reader::open(run_dir).await {
+        Ok(reader) => reader.overrides(&PatientId::from(patient)).await,
+        Err(error) => Err(error),
+    };
+    match overrides {
+        Ok(layer) => {
+            let layer = serde_json::to_value(layer)
+                .map_err(|error| CliError::Io { what: "cannot read stored settings", source: error.into() })?;
+            Ok([(patient.to_owned(), layer)].into())
+        }
+        Err(StoreError::Missing { .. } | StoreError::NoPatient { .. }) => Ok(BTreeMap::new()),
+        Err(error) => Err(error.into()),
+    }
+}

@@ -1,0 +1,120 @@
+//! The table that ends a run: what each step reached, beside what the paper's cohort reached.
+
+use cardiotwin_schemas::record::{PatientRecord, RunRecord};
+
+use super::table::{Columns, duration, number, optional, percent};
+use super::talk::{Talk, Tone};
+use crate::results::{Biomarker, MeanSd, PatientView, Step};
+
+const HEADINGS: [&str; 11] =
+    ["PATIENT", "STEP", "RESULT", ">COST", ">P_max", ">dPdt_max", ">dPdt_min", ">PTD90", ">SV", ">OPEN mL", ">TIME"];
+
+/// Two rows a patient, then means of the absolute differences and the paper's.
+#[must_use]
+pub fn table(run: &RunRecord, talk: &Talk) -> String {
+    let mut table = Columns::new(talk, &HEADINGS);
+    for patient in &run.patients {
+        rows(patient).into_iter().for_each(|row| table.toned(row));
+    }
+    for (step, name, paper) in [
+        (Step::Step1, "step-1", Biomarker::PAPER_STEP1_PERCENT),
+        (Step::Step2, "step-2", Biomarker::PAPER_STEP2_PERCENT),
+    ] {
+        let converged: Vec<&PatientRecord> =
+            run.patients.iter().filter(|patient| PatientView(patient).step1_converged()).collect();
+        let mean = |biomarker: Biomarker| {
+            let values = converged.iter().map(|p| PatientView(p).relative_difference(step, biomarker).map(f64::abs));
+            MeanSd::of(values).map_or("-".to_owned(), |mean| format!("{:.1} %", 100.0 * mean.mean))
+        };
+        let mut row = vec!["mean".to_owned(), name.to_owned(), format!("of {} converged, absolute", converged.len())];
+        row.push(String::new());
+        row.extend(Biomarker::TABLE_2.map(mean));
+        let open = converged.iter().map(|p| Biomarker::EndOfBeatGap.of(PatientView(p).simulated(step)?));
+        row.push(MeanSd::of(open).map_or("-".to_owned(), |mean| format!("{:.1}", mean.mean)));
+        table.row(row);
+        let mut row = vec!["paper".to_owned(), name.to_owned(), "Jung et al. 2022".to_owned(), String::new()];
+        row.extend(paper.map(|value| format!("{value:.1} %")));
+        table.row(row);
+    }
+    let mut text = table.text();
+    text.push_str(
+        "differences (simulated - measured) / measured; OPEN: volume that the beat's end leaves open;\n\
+         COST: step 1's sum of squares at the organ, step 2's weighted misfit at the cell\n",
+    );
+    text
+}
+
+/// One line about a patient that has just ended.
+#[must_use]
+pub fn line(patient: &PatientRecord) -> String {
+    let view = PatientView(patient);
+    let mut parts = vec![patient.status.state.clone()];
+    if let Some(step1) = &patient.step1 {
+        parts.push(format!("step 1 {step1}, cost {}", number(step1.cost)));
+    }
+    if let Some(fit) = &patient.cell_fit {
+        parts.push(format!("step 2 cost {}", number(fit.result.cost)));
+    }
+    for (step, name) in [(Step::Step1, "step 1"), (Step::Step2, "step 2")] {
+        if view.simulated(step).is_none() {
+            continue;
+        }
+        let errors = Biomarker::TABLE_2.map(|b| format!("{} {}", short(b), percent(view.relative_difference(step, b))));
+        parts.push(format!("{name}: {}", errors.join(", ")));
+    }
+    if let Some(failure) = &patient.failure {
+        parts.push(format!("[{}] {}", failure.class.as_str(), failure.message));
+    }
+    parts.join("; ")
+}
+
+fn short(biomarker: Biomarker) -> &'static str {
+    let key = biomarker.key();
+    ["_mmHg_per_ms", "_mmHg", "_ms", "_mL"].iter().find_map(|unit| key.strip_suffix(unit)).unwrap_or(key)
+}
+
+fn rows(patient: &PatientRecord) -> [Vec<(String, Option<Tone>)>; 2] {
+    let view = PatientView(patient);
+    let mut first = vec![(patient.plan.id.to_string(), None), ("step-1".to_owned(), None)];
+    match (&patient.step1, &patient.failure) {
+        (Some(step1), _) => {
+            let tone = if view.step1_converged() { Tone::Good } else { Tone::Doubtful };
+            first.push((format!("{step1} of {}", patient.iterations.len()), Some(tone)));
+            first.push((number(step1.cost), None));
+        }
+        (None, failure) => {
+            let state =
+                failure.as_ref().map_or(patient.status.state.clone(), |f| format!("failed [{}]", f.class.as_str()));
+            first.push((state, failure.as_ref().map(|_| Tone::Bad)));
+            first.push((optional(patient.status.step1_cost), None));
+        }
+    }
+    let mut second = vec![(String::new(), None), ("step-2".to_owned(), None)];
+    match &patient.cell_fit {
+        Some(fit) => {
+            let fit = &fit.result;
+            let (text, tone) = match (fit.unreachable_targets.is_empty(), fit.converged) {
+                (false, _) => ("target not reachable".to_owned(), Tone::Doubtful),
+                (true, true) => (format!("converged: generation {}", fit.generations), Tone::Good),
+                (true, false) => (format!("limit: generation {}", fit.generations), Tone::Doubtful),
+            };
+            second.push((text, Some(tone)));
+            second.push((number(fit.cost), None));
+        }
+        None => {
+            let state = if patient.step1.is_some() { patient.status.state.clone() } else { String::new() };
+            second.push((state, None));
+            second.push(("-".to_owned(), None));
+        }
+    }
+    for (row, step) in [(&mut first, Step::Step1), (&mut second, Step::Step2)] {
+        row.extend(Biomarker::TABLE_2.map(|b| (percent(view.relative_difference(step, b)), None)));
+        let open = view.simulated(step).and_then(|b| Biomarker::EndOfBeatGap.of(b));
+        row.push((open.map_or("-".to_owned(), |open| format!("{open:.1}")), None));
+    }
+    first.push((String::new(), None));
+    let walls_s: Vec<f64> = view.tasks().iter().map(|(.., provenance)| provenance.wall_s).collect();
+    let time = if walls_s.is_empty() { "-".to_owned() } else { duration(walls_s.iter().sum()) };
+    second.push((time, None));
+    [first, second]
+}

@@ -1,0 +1,127 @@
+//! Tables for people: plain columns, no frames, so that they can be cut and grepped.
+
+use comfy_table::{Cell, CellAlignment, Color, ContentArrangement, Table};
+
+use super::talk::{Talk, Tone};
+
+/// A table under construction.
+pub struct Columns {
+    table: Table,
+    colour: bool,
+}
+
+impl Columns {
+    /// With these headings; one that begins with `>` is a column of numbers, aligned right.
+    #[must_use]
+    pub fn new(talk: &Talk, headings: &[&str]) -> Self {
+        let mut table = Table::new();
+        table.load_style(comfy_table::presets::NOTHING);
+        table.set_content_arrangement(ContentArrangement::Disabled);
+        if talk.colour_out {
+            table.enforce_styling();
+        } else {
+            table.force_no_tty();
+        }
+        table.set_header(headings.iter().map(|heading| heading.trim_start_matches('>')));
+        let n_columns = headings.len();
+        for (i, heading) in headings.iter().enumerate() {
+            if let Some(column) = table.column_mut(i) {
+                column.set_padding((0, if i + 1 == n_columns { 0 } else { 2 }));
+                if heading.starts_with('>') {
+                    column.set_cell_alignment(CellAlignment::Right);
+                }
+            }
+        }
+        Self { table, colour: talk.colour_out }
+    }
+
+    /// A row of plain cells.
+    pub fn row<T: AsRef<str>>(&mut self, cells: impl IntoIterator<Item = T>) {
+        self.toned(cells.into_iter().map(|cell| (cell.as_ref().to_owned(), None)));
+    }
+
+    /// A row of cells that may have a tone.
+    pub fn toned(&mut self, cells: impl IntoIterator<Item = (String, Option<Tone>)>) {
+        let colour = self.colour;
+        self.table.add_row(cells.into_iter().map(|(text, tone)| {
+            let cell = Cell::new(text);
+            match tone.filter(|_| colour) {
+                Some(Tone::Bad) => cell.fg(Color::Red),
+                Some(Tone::Doubtful) => cell.fg(Color::Yellow),
+                Some(Tone::Good) => cell.fg(Color::Green),
+                Some(Tone::Quiet) => cell.fg(Color::DarkGrey),
+                None => cell,
+            }
+        }));
+    }
+
+    /// The lines, without spaces at their ends, with a line feed after each.
+    #[must_use]
+    pub fn text(&self) -> String {
+        self.table.to_string().lines().map(|line| format!("{}\n", line.trim_end())).collect()
+    }
+}
+
+/// A number with so many significant digits that tables need.
+#[must_use]
+pub fn number(value: f64) -> String {
+    let magnitude = value.abs();
+    match value {
+        _ if !value.is_finite() => value.to_string(),
+        _ if magnitude == 0.0 => "0".to_owned(),
+        _ if magnitude >= 1e5 => format!("{value:.3e}"),
+        _ if magnitude >= 100.0 => format!("{value:.1}"),
+        _ if magnitude >= 1.0 => format!("{value:.2}"),
+        _ if magnitude >= 0.001 => format!("{value:.4}"),
+        _ => format!("{value:.2e}"),
+    }
+}
+
+/// The same, or a dash where there is none.
+#[must_use]
+pub fn optional(value: Option<f64>) -> String {
+    value.map_or_else(|| "-".to_owned(), number)
+}
+
+/// A share as signed percent, or a dash.
+#[must_use]
+pub fn percent(value: Option<f64>) -> String {
+    value.map_or_else(|| "-".to_owned(), |share| format!("{:+.1} %", 100.0 * share))
+}
+
+/// Seconds as `00:01:23`, short ones as `3.2 s`.
+#[must_use]
+pub fn duration(seconds: f64) -> String {
+    if !seconds.is_finite() || seconds < 0.0 {
+        return "-".to_owned();
+    }
+    if seconds < 60.0 {
+        return format!("{seconds:.1} s");
+    }
+    let whole = seconds.round() as u64;
+    format!("{:02}:{:02}:{:02}", whole / 3600, whole / 60 % 60, whole % 60)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn columns_are_plain_and_numbers_stand_right() {
+        let talk = Talk { colour_out: false, colour_err: false, quiet: true, bars: false };
+        let mut table = Columns::new(&talk, &["PATIENT", ">COST", "NOTE"]);
+        table.row(["01", "0.1", "long note"]);
+        table.row(["02-long", "10.25", ""]);
+        assert_eq!(table.text(), "PATIENT   COST  NOTE\n01         0.1  long note\n02-long  10.25\n");
+    }
+
+    #[test]
+    fn quantities_for_people() {
+        assert_eq!(
+            [number(0.0834), number(12.3456), number(631.0), number(1e-5)],
+            ["0.0834", "12.35", "631.0", "1.00e-5"]
+        );
+        assert_eq!([duration(3.21), duration(83.0), duration(4360.0)], ["3.2 s", "00:01:23", "01:12:40"]);
+        assert_eq!([percent(Some(-0.0531)), percent(None)], ["-5.3 %", "-"]);
+    }
+}

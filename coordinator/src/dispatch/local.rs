@@ -1,0 +1,294 @@
+//! Worker processes on this machine, N at once.
+//!
+//! Each worker leads its own process group, so that Ctrl-C on the terminal reaches the coordinator alone. A worker that
+//! outlives its coordinator is found by its claim and watched as if it were ours. Two workers in one directory are
+//! harmless: the claim is created exclusively, and the second one ends with exit code 3.
+
+use std::collections::HashMap;
+use std::fs::{self, File};
+use std::os::unix::process::ExitStatusExt as _;
+use std::path::{Path, PathBuf};
+use std::process::{ExitStatus, Stdio};
+use std::time::{Duration, Instant};
+
+use cardiotwin_schemas::failure::FailureClass;
+use cardiotwin_schemas::ids::{AttemptId, ExternalId};
+use cardiotwin_schemas::progress::Claim;
+use tokio::process::Command;
+use tokio::sync::mpsc;
+
+use super::evidence::{self, ClaimFile};
+use super::{DispatchError, Evidence, Executor, Found, News, Order, process};
+
+/// How often orphans and stopped workers are looked at.
+const LOOK_EVERY: Duration = Duration::from_millis(50);
+/// How long a worker may take to leave after SIGTERM.
+const GRACE: Duration = Duration::from_secs(2);
+/// A claim that stays unreadable for so long was cut off by the end of its writer.
+const CLAIM_GRACE: Duration = Duration::from_secs(1);
+/// The worker's answer when another process holds the claim.
+const EXIT_CLAIMED: i32 = 3;
+
+/// Worker processes on this machine.
+#[derive(Debug)]
+pub struct Local {
+    worker: PathBuf,
+    at_once: usize,
+    running: HashMap<AttemptId, Running>,
+    exits: mpsc::UnboundedReceiver<Exit>,
+    tell: mpsc::UnboundedSender<Exit>,
+}
+
+#[derive(Debug)]
+struct Running {
+    directory: PathBuf,
+    pid: u32,
+    start: u64,
+    /// Not our child: watched by looking.
+    orphan: Option<Claim>,
+    stopped: Option<Instant>,
+}
+
+#[derive(Debug)]
+struct Exit {
+    attempt: AttemptId,
+    status: std::io::Result<ExitStatus>,
+}
+
+impl Local {
+    /// Runs `worker`, `at_once` of them at a time.
+    #[must_use]
+    pub fn new(worker: PathBuf, at_once: usize) -> Self {
+        let (tell, exits) = mpsc::unbounded_channel();
+        Self { worker, at_once, running: HashMap::new(), exits, tell }
+    }
+
+    fn spawn(&mut self, order: &Order) -> Result<u32, DispatchError> {
+        let directory = &order.directory;
+        let file = |what, path: PathBuf| move |source| DispatchError::File { what, path, source };
+        fs::create_dir_all(directory).map_err(file("make", directory.clone()))?;
+        let spec = serde_json::to_vec(&order.spec).expect("an attempt's spec is JSON");
+        // A worker of an earlier coordinator may be reading it: replaced whole, never seen half.
+        let (path, draft) = (directory.join(evidence::SPEC), directory.join("spec.json.new"));
+        fs::write(&draft, spec).map_err(file("write", draft.clone()))?;
+        fs::rename(&draft, &path).map_err(file("write", path))?;
+        let path = directory.join(evidence::LOG);
+        let log = File::options().create(true).append(true).open(&path).map_err(file("open", path))?;
+        let mut child = Command::new(&self.worker)
+            .arg("run")
+            .arg(directory)
+            .stdin(Stdio::null())
+            .stdout(Stdio::null())
+            .stderr(log)
+            .process_group(0)
+            .spawn()
+            .map_err(|source| DispatchError::Spawn { worker: self.worker.clone(), source })?;
+        let pid = child.id().unwrap_or_default();
+        let (tell, attempt) = (self.tell.clone(), order.spec.attempt.clone());
+        tokio::spawn(async move {
+            let status = child.wait().await;
+            // Nobody listens only when the coordinator is on its way out.
+            let _ = tell.send(Exit { attempt, status });
+        });
+        Ok(pid)
+    }
+
+    /// What the end of our child means.
+    fn ended(&mut self, exit: Exit) -> Result<Option<News>, DispatchError> {
+        let Exit { attempt, status } = exit;
+        let Some(running) = self.running.get(&attempt) else { return Ok(None) };
+        let directory = running.directory.clone();
+        let claimed_before = status.as_ref().is_ok_and(|s| s.code() == Some(EXIT_CLAIMED));
+        let news = match self.look(&directory)? {
+            // Another process has it: started by an earlier coordinator that was killed in the act.
+            Found::Alive(claim) if claim.pid != running.pid => {
+                self.watch(&attempt, &directory, &claim);
+                return Ok(Some(News::Alive { attempt, claim }));
+            }
+            Found::Over { evidence: found @ Evidence::Outcome { .. }, claim } => {
+                News::Ended { attempt: attempt.clone(), evidence: found, claim }
+            }
+            Found::Over { evidence: found, claim } if claimed_before => {
+                News::Ended { attempt: attempt.clone(), evidence: found, claim }
+            }
+            Found::Elsewhere(_) => News::Vanished { attempt: attempt.clone() },
+            found => {
+                let claim = match found {
+                    Found::Over { claim, .. } => claim,
+                    _ => None,
+                };
+                News::Ended { attempt: attempt.clone(), evidence: verdict(&directory, &status), claim }
+            }
+        };
+        self.running.remove(&attempt);
+        Ok(Some(news))
+    }
+
+    fn look(&self, directory: &Path) -> Result<Found, DispatchError> {
+        let deadline = Instant::now() + CLAIM_GRACE;
+        loop {
+            match evidence::claim(directory)? {
+                ClaimFile::Absent => return Ok(Found::Unclaimed),
+                ClaimFile::Unreadable if Instant::now() < deadline => std::thread::sleep(Duration::from_millis(5)),
+                ClaimFile::Unreadable => return self.over(directory, None),
+                ClaimFile::By(claim) if claim.host != process::host() => {
+                    return match evidence::outcome(directory)? {
+                        Some(evidence) => Ok(Found::Over { evidence, claim: Some(claim) }),
+                        None => Ok(Found::Elsewhere(claim)),
+                    };
+                }
+                ClaimFile::By(claim) if process::lives(&claim) => return Ok(Found::Alive(claim)),
+                ClaimFile::By(claim) => return self.over(directory, Some(claim)),
+            }
+        }
+    }
+
+    /// Nobody is left who could still write: only now the outcome's absence means something.
+    fn over(&self, directory: &Path, claim: Option<Claim>) -> Result<Found, DispatchError> {
+        let evidence = evidence::outcome(directory)?.unwrap_or_else(|| Evidence::Nothing {
+            class: FailureClass::Site,
+            reason: with_last_words("the worker is gone without an outcome", directory),
+        });
+        Ok(Found::Over { evidence, claim })
+    }
+
+    fn watch(&mut self, attempt: &AttemptId, directory: &Path, claim: &Claim) {
+        let running = Running {
+            directory: directory.to_owned(),
+            pid: claim.pid,
+            start: claim.pid_start_ticks,
+            orphan: Some(claim.clone()),
+            stopped: None,
+        };
+        self.running.insert(attempt.clone(), running);
+    }
+
+    /// Looks at those of whom no exit will be told, and presses those that were asked to leave.
+    fn patrol(&mut self) -> Result<Vec<News>, DispatchError> {
+        let mut over = Vec::new();
+        for (attempt, running) in &mut self.running {
+            if running.orphan.as_ref().is_some_and(|claim| !process::lives(claim)) {
+                over.push((attempt.clone(), running.directory.clone()));
+            } else if running.stopped.is_some_and(|at| at.elapsed() > GRACE) {
+                process::signal_group(running.pid, running.start, true);
+            }
+        }
+        let mut news = Vec::new();
+        for (attempt, directory) in over {
+            self.running.remove(&attempt);
+            if let Found::Over { evidence, claim } = self.look(&directory)? {
+                news.push(News::Ended { attempt, evidence, claim });
+            }
+        }
+        Ok(news)
+    }
+
+    fn needs_patrol(&self) -> bool {
+        self.running.values().any(|r| r.orphan.is_some() || r.stopped.is_some())
+    }
+}
+
+/// What is said of a worker that left no outcome.
+fn verdict(directory: &Path, status: &std::io::Result<ExitStatus>) -> Evidence {
+    let (class, reason) = match status {
+        Ok(status) => match (status.signal(), status.code()) {
+            (Some(6), _) => (FailureClass::Bug, "the worker aborted (signal 6)".to_owned()),
+            (Some(signal), _) => (FailureClass::Site, format!("the worker was killed by signal {signal}")),
+            (None, Some(101)) => (FailureClass::Bug, "the worker panicked".to_owned()),
+            (None, Some(2)) => (FailureClass::Bug, "the worker did not understand how it was called".to_owned()),
+            (None, code) => {
+                let code = code.unwrap_or_default();
+                (FailureClass::Site, format!("the worker ended with exit code {code} and no outcome"))
+            }
+        },
+        Err(error) => (FailureClass::Site, format!("the worker's end could not be seen: {error}")),
+    };
+    Evidence::Nothing { class, reason: with_last_words(&reason, directory) }
+}
+
+fn with_last_words(reason: &str, directory: &Path) -> String {
+    evidence::last_words(directory)
+        .map_or_else(|| reason.to_owned(), |line| format!("{reason}; its last words: {line}"))
+}
+
+/// A directory that cannot be read is told as an end of the site's doing: the loop decides what follows.
+fn told(result: Result<Vec<News>, DispatchError>, attempt: Option<AttemptId>) -> Vec<News> {
+    match (result, attempt) {
+        (Ok(news), _) => news,
+        (Err(error), Some(attempt)) => {
+            let reason = error.to_string();
+            vec![News::Ended {
+                attempt,
+                evidence: Evidence::Nothing { class: FailureClass::Site, reason },
+                claim: None,
+            }]
+        }
+        (Err(_), None) => Vec::new(), // looked at again at the next patrol
+    }
+}
+
+impl Executor for Local {
+    fn kind(&self) -> &'static str {
+        "local"
+    }
+
+    fn free(&self) -> usize {
+        self.at_once.saturating_sub(self.running.len())
+    }
+
+    async fn submit(&mut self, order: Order) -> Result<ExternalId, DispatchError> {
+        let pid = self.spawn(&order)?;
+        let start = process::start_ticks(pid).unwrap_or_default();
+        let running = Running { directory: order.directory, pid, start, orphan: None, stopped: None };
+        self.running.insert(order.spec.attempt, running);
+        Ok(ExternalId(pid.to_string()))
+    }
+
+    fn adopt(&mut self, attempt: &AttemptId, directory: &Path) -> Result<Found, DispatchError> {
+        let found = self.look(directory)?;
+        if let Found::Alive(claim) = &found {
+            self.watch(attempt, directory, claim);
+        }
+        Ok(found)
+    }
+
+    fn stop(&mut self, attempt: &AttemptId, directory: &Path, now: bool) -> Result<bool, DispatchError> {
+        evidence::fence(directory)?;
+        if let Some(running) = self.running.get_mut(attempt) {
+            running.stopped.get_or_insert_with(Instant::now);
+            process::signal_group(running.pid, running.start, now);
+            return Ok(true);
+        }
+        Ok(false)
+    }
+
+    async fn news(&mut self) -> Vec<News> {
+        loop {
+            let mut news = Vec::new();
+            let exit = if self.needs_patrol() {
+                let result = self.patrol();
+                news.extend(told(result, None));
+                if !news.is_empty() {
+                    return news;
+                }
+                tokio::time::timeout(LOOK_EVERY, self.exits.recv()).await.ok().flatten()
+            } else {
+                self.exits.recv().await
+            };
+            // One exit rarely comes alone: those that are here already share a commit.
+            let mut next = exit;
+            while let Some(exit) = next {
+                let attempt = exit.attempt.clone();
+                let result = self.ended(exit).map(|news| news.into_iter().collect());
+                if result.is_err() {
+                    self.running.remove(&attempt);
+                }
+                news.extend(told(result, Some(attempt)));
+                next = self.exits.try_recv().ok();
+            }
+            if !news.is_empty() {
+                return news;
+            }
+        }
+    }
+}

@@ -1,0 +1,110 @@
+//! Doing what was committed to be done. Every action may come twice and then does nothing more.
+
+use cardiotwin_schemas::SCHEMA_VERSION;
+use cardiotwin_schemas::failure::{Failure, FailureClass};
+use cardiotwin_schemas::ids::AttemptId;
+use cardiotwin_schemas::task::AttemptSpec;
+
+use super::decide::Circumstance;
+use super::drive::Drive;
+use super::watch::Tail;
+use super::world::AttemptEntry;
+use super::{EngineError, StopLevel, overlay};
+use crate::clock;
+use crate::dispatch::{DispatchError, Evidence, Executor, Order};
+use crate::machine::job::{Attempt, AttemptEvent};
+use crate::store::outbox::Action;
+
+impl<E: Executor> Drive<E> {
+    /// Does what was committed to be done.
+    pub(super) async fn act(&mut self) -> Result<(), EngineError> {
+        if self.seen_stop == StopLevel::Now {
+            return Ok(());
+        }
+        self.world.now_ms = clock::now_ms();
+        for (id, action) in std::mem::take(&mut self.world.outbox) {
+            // Stopped before it was handed over: the next run does it.
+            if self.seen_stop > StopLevel::Run && matches!(action, Action::Submit { .. }) {
+                continue;
+            }
+            self.crash.pass("before an action");
+            match action {
+                Action::Submit { attempt } => self.submit(&attempt).await?,
+                Action::Stop { attempt } => {
+                    let directory = self.world.directory(&attempt);
+                    if !self.executor.stop(&attempt, &directory, false)? {
+                        // Nobody is left whose end would be told.
+                        self.adopt_stopped(&attempt)?;
+                    }
+                }
+                Action::WriteOverlay { patient_id } => self.write_overlay(patient_id)?,
+            }
+            self.crash.pass("after an action");
+            self.world.action_done(id);
+        }
+        Ok(())
+    }
+
+    fn adopt_stopped(&mut self, attempt: &AttemptId) -> Result<(), EngineError> {
+        if !self.world.attempts.contains_key(attempt) || self.adopt(attempt)? {
+            return Ok(());
+        }
+        // Fenced, and not to be seen from here: it can publish nothing.
+        self.forget(attempt)
+    }
+
+    /// An attempt that was ended before anybody claimed it, or that is fenced out of sight.
+    pub(super) fn forget(&mut self, attempt: &AttemptId) -> Result<(), EngineError> {
+        let evidence = Evidence::Nothing { class: FailureClass::Site, reason: "ended by us".into() };
+        self.decider.attempt_ended(&mut self.world, attempt, evidence, Circumstance::Excused)
+    }
+
+    async fn submit(&mut self, attempt: &AttemptId) -> Result<(), EngineError> {
+        // Over, unwanted, or found alive by now: an action may come twice.
+        let wanted = |a: &AttemptEntry| !a.state.is_final() && !matches!(a.state, Attempt::Cancelling);
+        let wanted = self.world.attempts.get(attempt).is_some_and(wanted) && !self.tails.contains_key(attempt);
+        let Some(task) = self.world.tasks.get(&attempt.task).filter(|_| wanted) else { return Ok(()) };
+        let task = serde_json::from_str(&task.spec).map_err(|source| crate::store::StoreError::Content {
+            table: "tasks",
+            column: "spec",
+            row: attempt.task.to_string(),
+            source,
+        })?;
+        let threads = self.settings.threads.max(1);
+        let directory = self.world.directory(attempt);
+        let spec = AttemptSpec { schema_version: SCHEMA_VERSION, attempt: attempt.clone(), threads, task };
+        match self.executor.submit(Order { spec, directory: directory.clone() }).await {
+            Ok(id) => {
+                self.submitted += 1;
+                self.tails.insert(attempt.clone(), Tail::of(&directory));
+                self.world.attempt_event(attempt, AttemptEvent::Accepted { id })
+            }
+            Err(error) if error.is_passing() => {
+                let evidence = Evidence::Nothing { class: FailureClass::Site, reason: with_cause(&error) };
+                self.decider.attempt_ended(&mut self.world, attempt, evidence, Circumstance::Watched)
+            }
+            Err(error @ DispatchError::Kind { .. }) => {
+                let failure = Failure::new(FailureClass::Input, error.to_string());
+                let evidence = Evidence::Nothing { class: failure.class, reason: failure.message };
+                self.decider.attempt_ended(&mut self.world, attempt, evidence, Circumstance::Watched)
+            }
+            // Not this attempt's affair: nothing could be started. It stays as it is for the next run.
+            Err(error) => Err(error.into()),
+        }
+    }
+
+    fn write_overlay(&mut self, patient_id: i64) -> Result<(), EngineError> {
+        let Some(i) = self.world.patients.iter().position(|p| p.row.id == patient_id) else { return Ok(()) };
+        match overlay::learned(&self.world, i)? {
+            Some(learned) => overlay::write(&self.world.run_dir, learned),
+            None => Ok(()),
+        }
+    }
+}
+
+fn with_cause(error: &DispatchError) -> String {
+    match std::error::Error::source(error) {
+        Some(cause) => format!("{error}: {cause}"),
+        None => error.to_string(),
+    }
+}

@@ -1,0 +1,190 @@
+//! What orchestration costs: many patients of three no-op tasks, through store, outbox and executor.
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
+
+use cardiotwin_schemas::biomarkers::Biomarkers;
+use cardiotwin_schemas::ids::PatientId;
+use cardiotwin_schemas::plan::{ResolvedPatient, Workflow};
+use cardiotwin_schemas::settings::{ActivationSettings, ExecutorKind, ExecutorSettings, Settings, StartMode};
+use cardiotwin_schemas::task::PassiveStateSpec;
+use serde::Serialize;
+
+use super::{EngineError, Reader, RunOptions, StopSignal, run};
+
+/// What to measure.
+#[derive(Debug, Clone)]
+pub struct BenchOptions {
+    /// Where the run is made; must be empty or absent.
+    pub run_dir: PathBuf,
+    /// How many patients, of three tasks each.
+    pub patients: usize,
+    /// A worker process for each task, instead of in-process.
+    pub spawn: bool,
+    /// Workers at once; 0 is one for each core.
+    pub workers: u32,
+    /// The worker's executable; `None`: beside our own.
+    pub worker: Option<PathBuf>,
+    /// A command that drives the same run in a process of its own (arguments after the program), to be killed on the
+    /// way so that the restart can be measured; `None`: the restart of a finished run is measured.
+    pub victim: Option<Vec<String>>,
+}
+
+/// What was found.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct BenchResult {
+    /// Patients of three tasks each.
+    pub patients: usize,
+    /// Tasks.
+    pub tasks: usize,
+    /// `in-process` or `local`.
+    pub executor: &'static str,
+    /// Wall time of the whole run.
+    pub run_s: f64,
+    /// Wall time per task.
+    pub ms_per_task: f64,
+    /// Opening the store and reading the status of all patients, best of five.
+    pub status_ms: f64,
+    /// From the start of a coordinator to its first commit, with everything loaded; after kill -9 where there was one.
+    pub restart_s: f64,
+    /// Tasks published before kill -9, where there was one.
+    pub published_before_kill: Option<u64>,
+    /// Size of the database at the end.
+    pub database_mb: f64,
+}
+
+/// Measures.
+///
+/// # Errors
+/// The engine's.
+pub async fn orchestration(options: &BenchOptions) -> Result<BenchResult, EngineError> {
+    let (mut restart_s, mut published_before_kill) = (None, None);
+    if let Some(arguments) = &options.victim {
+        kill_midway(options, arguments).await?;
+        let status = Reader::open(&options.run_dir).await?.status().await?;
+        published_before_kill = Some(published(&options.run_dir).await?);
+        if status.counts.get("done").copied().unwrap_or(0) < options.patients as u64 {
+            restart_s = Some(time_restart(options).await?);
+        }
+    }
+    let began = Instant::now();
+    let summary = once(options, StopSignal::new()).await?;
+    let run_s = began.elapsed().as_secs_f64();
+    let restart_s = match restart_s {
+        Some(restart_s) => restart_s,
+        None => time_restart(options).await?,
+    };
+    let mut status_ms = f64::INFINITY;
+    for _ in 0..5 {
+        let began = Instant::now();
+        let status = Reader::open(&options.run_dir).await?.status().await?;
+        let text = serde_json::to_string(&status).expect("a status is JSON");
+        status_ms = status_ms.min(began.elapsed().as_secs_f64() * 1e3);
+        assert!(text.len() > status.patients.len(), "a status names every patient");
+    }
+    let database = options.run_dir.join(crate::store::DATABASE_FILE);
+    Ok(BenchResult {
+        patients: options.patients,
+        tasks: options.patients * 3,
+        executor: if options.spawn { "local" } else { "in-process" },
+        run_s,
+        ms_per_task: run_s * 1e3 / summary.published.max(1) as f64,
+        status_ms,
+        restart_s,
+        published_before_kill,
+        database_mb: std::fs::metadata(database).map_or(0.0, |m| m.len() as f64 / 1e6),
+    })
+}
+
+/// Runs the cohort of no-ops, or what is left of it.
+///
+/// # Errors
+/// The engine's.
+pub async fn once(options: &BenchOptions, stop: StopSignal) -> Result<super::RunSummary, EngineError> {
+    let (events, _) = tokio::sync::mpsc::unbounded_channel();
+    run(run_options(options), events, stop).await
+}
+
+fn run_options(options: &BenchOptions) -> RunOptions {
+    let kind = if options.spawn { ExecutorKind::Local } else { ExecutorKind::InProcess };
+    RunOptions {
+        run_dir: options.run_dir.clone(),
+        cohort_name: "bench".into(),
+        description: "no-op tasks".into(),
+        cohort_dir: options.run_dir.clone(),
+        patients: Some((1..=options.patients).map(|n| noop_patient(&format!("N{n:05}"), 0)).collect()),
+        only: Vec::new(),
+        executor: ExecutorSettings { kind, workers: options.workers, ..ExecutorSettings::default() },
+        worker: options.worker.clone(),
+    }
+}
+
+/// From the start of a coordinator until it has loaded, looked at what was left, decided and committed.
+async fn time_restart(options: &BenchOptions) -> Result<f64, EngineError> {
+    let stop = StopSignal::new();
+    // Asked to stop before it begins: what remains is the way in (and out).
+    stop.ask();
+    stop.ask();
+    let (events, _) = tokio::sync::mpsc::unbounded_channel();
+    let options = run_options(options);
+    let began = Instant::now();
+    run(options, events, stop).await?;
+    Ok(began.elapsed().as_secs_f64())
+}
+
+async fn published(run_dir: &Path) -> Result<u64, EngineError> {
+    let history = Reader::open(run_dir).await?.history(None).await?;
+    let published = |e: &&super::EventRecord| e.machine == "task" && e.event["how"]["how"] == "succeeded";
+    Ok(history.iter().filter(published).count() as u64)
+}
+
+/// Starts a coordinator of its own process and kills it as soon as half of the work is done.
+async fn kill_midway(options: &BenchOptions, arguments: &[String]) -> Result<(), EngineError> {
+    let own = std::env::current_exe().unwrap_or_default();
+    let failed = |source| EngineError::File { what: "start", path: own.clone(), source };
+    let mut victim =
+        Command::new(&own).args(arguments).stdout(Stdio::null()).stderr(Stdio::null()).spawn().map_err(failed)?;
+    loop {
+        tokio::time::sleep(Duration::from_millis(20)).await;
+        let over = victim.try_wait().map_err(failed)?.is_some();
+        let Ok(reader) = Reader::open(&options.run_dir).await else { continue };
+        let Ok(status) = reader.status().await else { continue };
+        let done = status.counts.get("done").copied().unwrap_or(0);
+        if over || done * 2 >= options.patients as u64 {
+            // SIGKILL: no handler, no destructor.
+            let _ = victim.kill();
+            victim.wait().map_err(failed)?;
+            return Ok(());
+        }
+    }
+}
+
+/// A patient of three no-op tasks.
+#[must_use]
+pub fn noop_patient(id: &str, sleep_ms: u64) -> ResolvedPatient {
+    ResolvedPatient {
+        id: PatientId::from(id),
+        workflow: Workflow::Noop { sleep_ms },
+        step0: PassiveStateSpec {
+            cycle_length_ms: 1000.0,
+            pressure: None,
+            volume: None,
+            biomarkers: Biomarkers::default(),
+            end_diastolic_pressure_mmhg: None,
+            end_diastolic_volume_ml: None,
+            diastasis_time_ms: None,
+            diastasis_volume_ml: None,
+            aortic_systolic_mmhg: None,
+            aortic_diastolic_mmhg: None,
+            wall_volume_ml: None,
+            passive_exponent: None,
+            afterload: None,
+            left_atrial_pressure_mmhg: None,
+            start: StartMode::EndDiastole,
+            activation: ActivationSettings::default(),
+        },
+        settings: Settings::default(),
+        effects: Vec::new(),
+    }
+}

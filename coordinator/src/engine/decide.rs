@@ -1,0 +1,329 @@
+//! Decisions on the mirror: which task a patient wants next, what an attempt's end means, what a request changes.
+
+use cardiotwin_schemas::cohort::SettingsLayer;
+use cardiotwin_schemas::failure::FailureClass;
+use cardiotwin_schemas::ids::{AttemptId, PatientId, TaskKey};
+use cardiotwin_schemas::plan::{ResolvedPatient, Workflow};
+use cardiotwin_schemas::settings::ExecutorSettings;
+
+use super::workflow::{self, Next};
+use super::world::World;
+use super::{EngineError, EngineEvent, PatientEnding, settings};
+use crate::dispatch::Evidence;
+use crate::machine::job::{Attempt, AttemptEnding, AttemptEvent};
+use crate::machine::judge::judge;
+use crate::machine::patient::{Patient, PatientEvent, Stage, Step};
+use crate::machine::task::{Task, TaskEvent};
+use crate::store::outbox::Action;
+use crate::store::patients::PlanRow;
+
+/// How a missing outcome is to be understood.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Circumstance {
+    /// The worker ended under our eyes.
+    Watched,
+    /// We ended it, or it was found dead at a restart.
+    Excused,
+}
+
+/// Decides, and collects what is worth telling once it is committed.
+#[derive(Debug, Default)]
+pub struct Decider {
+    /// To be told after the commit.
+    pub events: Vec<EngineEvent>,
+    /// Patients that are over, among those worked on.
+    pub over: usize,
+    /// Patients worked on.
+    pub of: usize,
+    /// Tasks published.
+    pub published: u64,
+    /// How many site failures of a task are forgiven.
+    pub site_retries: u32,
+}
+
+impl Decider {
+    /// Takes up the cohort's plans: new patients, changed inputs or settings, patients that are gone.
+    pub fn take_up(&mut self, world: &mut World, plans: &[ResolvedPatient]) -> Result<(), EngineError> {
+        let mut present = vec![false; world.patients.len()];
+        for (position, given) in plans.iter().enumerate() {
+            let position = position as i64;
+            let text = serde_json::to_string(given).expect("a plan is JSON");
+            let Some(&i) = world.by_name.get(given.id.as_str()) else {
+                let row =
+                    PlanRow { patient_id: 0, given: text, overrides: "{}".into(), carried: "[]".into(), plan: None };
+                world.add_patient(given.id.as_str(), position, row, given.clone());
+                continue;
+            };
+            if let Some(present) = present.get_mut(i) {
+                *present = true;
+            }
+            let patient = &mut world.patients[i];
+            if patient.row.position != position || !patient.row.active {
+                patient.row.position = position;
+                patient.row.active = true;
+                world.touch(i);
+            }
+            if world.patients[i].plan_row.given != text {
+                let overrides = self.overrides(world, i)?;
+                world.patients[i].plan_row.given = text;
+                self.replan(world, i, given, &overrides, "inputs or settings changed", false)?;
+            }
+        }
+        for (i, present) in present.into_iter().enumerate() {
+            if !present && world.patients[i].row.active {
+                world.patients[i].row.active = false;
+                world.touch(i);
+            }
+        }
+        Ok(())
+    }
+
+    pub(super) fn overrides(&self, world: &World, i: usize) -> Result<SettingsLayer, EngineError> {
+        let patient = &world.patients[i];
+        serde_json::from_str(&patient.plan_row.overrides)
+            .map_err(|source| EngineError::Plan { patient: patient.row.patient.clone(), source })
+    }
+
+    /// Makes a patient's plan anew; where it leads to other tasks, or `force`, everything is decided anew.
+    pub(super) fn replan(
+        &mut self,
+        world: &mut World,
+        i: usize,
+        given: &ResolvedPatient,
+        overrides: &SettingsLayer,
+        reason: &str,
+        force: bool,
+    ) -> Result<(), EngineError> {
+        let plan = settings::plan(given, overrides)
+            .map_err(|error| EngineError::Request { message: format!("settings of {}: {error}", given.id) })?;
+        let same = world.plan(i).is_ok_and(|old| settings::same_tasks(old, &plan));
+        let text = || serde_json::to_string(&plan).expect("a plan is JSON");
+        world.patients[i].plan_row.plan = (*overrides != SettingsLayer::default()).then(text);
+        world.set_plan(i, plan);
+        if force || !same {
+            world.patient_event(i, PatientEvent::Replan { reason: reason.to_owned() })?;
+        }
+        Ok(())
+    }
+
+    /// Derives a patient's chain and asks for what it needs next.
+    pub fn decide(&mut self, world: &mut World, i: usize) -> Result<(), EngineError> {
+        if !world.patients[i].selected || matches!(world.patients[i].row.state, Patient::Cancelled { .. }) {
+            return Ok(());
+        }
+        let evaluation = {
+            let patient = &world.patients[i];
+            workflow::evaluate(world.plan(i)?, &patient.carried, &|key| world.settled(key))
+        };
+        let links: Vec<(Step, TaskKey)> = evaluation.chain.steps().map(|(step, key)| (step, key.clone())).collect();
+        for (step, key) in links {
+            world.link(i, step, &key);
+        }
+        let patient = &mut world.patients[i];
+        let id = PatientId(patient.row.patient.clone());
+        if patient.chain != evaluation.chain {
+            if let Some(summary) = evaluation.chain.step1.as_ref().filter(|s| patient.chain.step1.as_ref() != Some(*s))
+            {
+                self.events.push(EngineEvent::Step1Ended { patient: id.clone(), summary: summary.clone() });
+            }
+            patient.chain = evaluation.chain;
+            patient.chain_changed = true;
+            world.touch(i);
+        }
+        self.align(world, i, &evaluation.next)?;
+        match evaluation.next {
+            Next::Run { step, key, spec } => {
+                world.add_task(&key, &spec);
+                world.link(i, step, &key);
+                if !matches!(world.patients[i].row.state, Patient::Working { .. }) {
+                    world.patient_event(i, PatientEvent::Want { step, task: key.clone() })?;
+                }
+                wait_for(world, i, &key);
+                Ok(())
+            }
+            Next::Finished => self.end(world, i, PatientEvent::Finish, PatientEnding::Done),
+            Next::Failed { step, failure } => {
+                let ending = PatientEnding::Failed(failure.clone());
+                self.end(world, i, PatientEvent::Fail { step, failure }, ending)
+            }
+        }
+    }
+
+    /// A stored state that the derivation does not confirm (another version decides otherwise, a shared task was tried
+    /// again) is left for what is derived.
+    fn align(&mut self, world: &mut World, i: usize, next: &Next) -> Result<(), EngineError> {
+        let settled = match &world.patients[i].row.state {
+            Patient::Working { task, .. } => {
+                world.tasks.get(task).is_some_and(|t| t.state.is_final()).then(|| task.clone())
+            }
+            _ => None,
+        };
+        if let Some(task) = settled {
+            world.patient_event(i, PatientEvent::TaskSettled { task })?;
+        }
+        let fits = match (&world.patients[i].row.state, next) {
+            (Patient::Waiting, _) => true,
+            (Patient::Working { step, task }, Next::Run { step: wanted, key, .. }) => task == key && step == wanted,
+            (Patient::Deciding { after }, Next::Run { step, .. }) => step > after,
+            (Patient::Deciding { .. }, _) | (Patient::Done, Next::Finished) => true,
+            (Patient::Failed { step, failure }, Next::Failed { step: held, failure: by }) => {
+                step == held && failure == by
+            }
+            _ => false,
+        };
+        if !fits {
+            self.reopen(world, i);
+            world.patient_event(i, PatientEvent::Replan { reason: "the chain is derived anew".into() })?;
+        }
+        Ok(())
+    }
+
+    fn end(
+        &mut self,
+        world: &mut World,
+        i: usize,
+        event: PatientEvent,
+        ending: PatientEnding,
+    ) -> Result<(), EngineError> {
+        if world.patients[i].row.state.is_final() {
+            return Ok(());
+        }
+        world.patient_event(i, event)?;
+        if world.plan(i)?.workflow == Workflow::Personalise {
+            world.put_action(Action::WriteOverlay { patient_id: world.patients[i].row.id });
+        }
+        self.ended(world, i, ending);
+        Ok(())
+    }
+
+    pub(super) fn ended(&mut self, world: &World, i: usize, ending: PatientEnding) {
+        self.over += 1;
+        let patient = PatientId(world.patients[i].row.patient.clone());
+        self.events.push(EngineEvent::PatientEnded { patient, ending, over: self.over, of: self.of });
+    }
+
+    /// What the end of an attempt means for its task and for those who wait.
+    pub fn attempt_ended(
+        &mut self,
+        world: &mut World,
+        attempt: &AttemptId,
+        evidence: Evidence,
+        circumstance: Circumstance,
+    ) -> Result<(), EngineError> {
+        let Some(task) = world.tasks.get(&attempt.task) else { return Ok(()) };
+        // Late news of an older generation, or of one that is over, changes nothing.
+        let current = matches!(task.state, Task::Attempting { generation, .. } if generation == attempt.generation);
+        let (how, outcome) = match evidence {
+            Evidence::Outcome { outcome, text } => (judge(attempt, &task.kind, &outcome), Some((outcome, text))),
+            Evidence::Nothing { .. } if circumstance == Circumstance::Excused => (AttemptEnding::Interrupted, None),
+            Evidence::Nothing { class: FailureClass::Site, reason } => (AttemptEnding::Lost { reason }, None),
+            Evidence::Nothing { class, reason } => {
+                let failure = cardiotwin_schemas::failure::Failure::new(class, reason);
+                (AttemptEnding::Failed { failure }, None)
+            }
+        };
+        // A worker that was stopped by neither us nor a person was stopped by its site.
+        let how = match how {
+            AttemptEnding::Interrupted if circumstance == Circumstance::Watched => {
+                AttemptEnding::Lost { reason: "the worker was told to stop from outside".into() }
+            }
+            how => how,
+        };
+        world.attempt_event(attempt, AttemptEvent::Ended { how: how.clone() })?;
+        if !current {
+            return Ok(());
+        }
+        // What the attempt made of it: one that was being cancelled is not lost.
+        let how = match world.attempts.get(attempt).map(|a| &a.state) {
+            Some(Attempt::Done { how }) => how.clone(),
+            _ => how,
+        };
+        let settles = matches!(how, AttemptEnding::Succeeded | AttemptEnding::Failed { .. });
+        if let Some((outcome, text)) = outcome.filter(|_| settles) {
+            world.keep_outcome(&attempt.task, *outcome, text);
+        }
+        let (generation, site_retries) = (attempt.generation, self.site_retries);
+        world.task_event(&attempt.task, TaskEvent::Ended { generation, how: how.clone(), site_retries })?;
+        self.task_moved(world, attempt, &how)
+    }
+
+    fn task_moved(&mut self, world: &mut World, attempt: &AttemptId, how: &AttemptEnding) -> Result<(), EngineError> {
+        let task = &world.tasks[&attempt.task];
+        let settled = task.state.is_final();
+        let published = matches!(task.state, Task::Published { .. });
+        let waiters = task.waiters.clone();
+        for &i in &waiters {
+            let patient = PatientId(world.patients[i].row.patient.clone());
+            let step = world.patients[i].row.state.step().map_or_else(String::new, |s| s.to_string());
+            if let Some(failure) = how.failure() {
+                let generation = attempt.generation;
+                self.events.push(EngineEvent::AttemptFailed { patient, step, generation, failure, retried: !settled });
+            }
+        }
+        if !settled {
+            waiters.iter().filter(|i| world.patients[**i].selected).for_each(|&i| {
+                world.ready.insert((world.patients[i].row.position, attempt.task.clone()));
+            });
+            return Ok(());
+        }
+        self.published += u64::from(published);
+        if let Some(task) = world.tasks.get_mut(&attempt.task) {
+            task.waiters.clear();
+        }
+        for i in waiters {
+            let step = world.patients[i].row.state.step();
+            world.patient_event(i, PatientEvent::TaskSettled { task: attempt.task.clone() })?;
+            let at = self.events.len();
+            self.decide(world, i)?;
+            if let Some(step) = step.filter(|_| published) {
+                let patient = PatientId(world.patients[i].row.patient.clone());
+                let note = note(world, i, step);
+                self.events.insert(at, EngineEvent::TaskPublished { patient, step: step.to_string(), note });
+            }
+        }
+        Ok(())
+    }
+
+    /// A patient that was over is worked on again.
+    pub(super) fn reopen(&mut self, world: &World, i: usize) {
+        if world.patients[i].selected && world.patients[i].row.state.is_final() {
+            self.over -= 1;
+        }
+    }
+}
+
+/// A patient waits for a task; an open one is ready to be begun.
+fn wait_for(world: &mut World, i: usize, key: &TaskKey) {
+    let position = world.patients[i].row.position;
+    let Some(task) = world.tasks.get_mut(key) else { return };
+    if !task.waiters.contains(&i) {
+        task.waiters.push(i);
+    }
+    if matches!(task.state, Task::Open { .. }) {
+        world.ready.insert((position, key.clone()));
+    }
+}
+
+/// What a published step brought, for a person.
+fn note(world: &World, i: usize, step: Step) -> String {
+    let chain = &world.patients[i].chain;
+    match step.stage {
+        Stage::Step1 => match chain.iterations.get(step.number as usize - 1).and_then(|it| it.cost) {
+            Some(cost) => format!("cost {cost:.3}"),
+            None => String::new(),
+        },
+        Stage::Step2 => chain.step2_cost.map_or_else(String::new, |cost| format!("cost {cost:.3}")),
+        Stage::Verification => chain.verification_cost.map_or_else(String::new, |cost| format!("cost {cost:.3}")),
+        _ => String::new(),
+    }
+}
+
+/// Workers at once: as asked, or one for each core.
+#[must_use]
+pub fn workers(settings: &ExecutorSettings) -> usize {
+    match settings.workers {
+        0 => std::thread::available_parallelism().map_or(1, std::num::NonZero::get) / settings.threads.max(1) as usize,
+        n => n as usize,
+    }
+    .max(1)
+}

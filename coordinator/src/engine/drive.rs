@@ -1,0 +1,406 @@
+//! The loop: observe, decide, commit, act.
+//!
+//! ```text
+//!        ┌──────────────► act: outbox ──► executor, files
+//!        │                       │
+//!     commit ◄── decide ◄── observe: news, requests, signals
+//! ```
+//! Actions only ever come from committed batches, and what they led to is observed, not assumed: so it does not matter
+//! where the process is killed. A resumed run begins with looking at every attempt that is not over.
+
+use std::collections::HashMap;
+use std::path::PathBuf;
+use std::time::{Duration, Instant};
+
+use cardiotwin_schemas::failure::FailureClass;
+use cardiotwin_schemas::ids::{AttemptId, ExternalId, PatientId};
+use cardiotwin_schemas::settings::ExecutorSettings;
+
+use super::crash::CrashPoints;
+use super::decide::{Circumstance, Decider};
+use super::watch::Tail;
+use super::world::{AttemptEntry, World};
+use super::{EngineError, EngineEvent, EventSender, RunSummary, StopLevel, StopSignal, requests};
+use crate::clock;
+use crate::dispatch::{Evidence, Executor, Found, News};
+use crate::machine::job::{Attempt, AttemptEvent};
+use crate::machine::patient::Patient;
+use crate::machine::task::Task;
+use crate::store::Writer;
+use crate::store::outbox::Action;
+
+/// How often progress, requests and hung workers are looked at.
+const TICK: Duration = Duration::from_millis(200);
+/// Less free space than this is taken for none when workers fail.
+const LEAST_FREE_BYTES: u64 = 2 << 20;
+/// Attempts begun in one commit at most, so that the first ones need not wait for the commit of thousands.
+const LARGEST_GROUP: usize = 2048;
+
+/// A run at work.
+pub struct Drive<E> {
+    pub world: World,
+    pub decider: Decider,
+    pub writer: Writer,
+    pub executor: E,
+    pub settings: ExecutorSettings,
+    pub events: EventSender,
+    pub stop: StopSignal,
+    pub crash: CrashPoints,
+    pub(super) tails: HashMap<AttemptId, Tail>,
+    pub(super) hung: HashMap<AttemptId, String>,
+    pub(super) submitted: u64,
+    /// How far the loop has followed the wish to stop.
+    pub(super) seen_stop: StopLevel,
+    /// The last level that was heard.
+    pub(super) heard_stop: StopLevel,
+    pub(super) drain_until: Option<Instant>,
+    pub(super) leave_until: Option<Instant>,
+}
+
+impl<E: Executor> Drive<E> {
+    /// A run about to begin.
+    pub fn new(
+        world: World,
+        decider: Decider,
+        writer: Writer,
+        executor: E,
+        settings: ExecutorSettings,
+        events: EventSender,
+        stop: StopSignal,
+    ) -> Self {
+        Self {
+            world,
+            decider,
+            writer,
+            executor,
+            settings,
+            events,
+            stop,
+            crash: CrashPoints::from_environment(),
+            tails: HashMap::new(),
+            hung: HashMap::new(),
+            submitted: 0,
+            seen_stop: StopLevel::Run,
+            heard_stop: StopLevel::Run,
+            drain_until: None,
+            leave_until: None,
+        }
+    }
+
+    /// Runs to the end, or until it is stopped.
+    pub async fn run(mut self) -> Result<RunSummary, EngineError> {
+        let began = Instant::now();
+        self.resume().await?;
+        loop {
+            self.act().await?;
+            if self.idle() {
+                // What the last actions led to.
+                self.commit().await?;
+                if self.world.outbox.is_empty() {
+                    break;
+                }
+                continue;
+            }
+            self.observe().await?;
+            self.begin_ready()?;
+            self.commit().await?;
+        }
+        let summary = self.summary(began.elapsed().as_secs_f64());
+        self.writer.close(self.executor.kind(), clock::now_ms()).await?;
+        Ok(summary)
+    }
+
+    /// Looks at what an earlier coordinator left, decides for every patient, begins what can begin.
+    async fn resume(&mut self) -> Result<(), EngineError> {
+        // Who waits for what comes first: the end of an attempt found now is news for those who wait.
+        for i in 0..self.world.patients.len() {
+            self.world.await_present_task(i);
+        }
+        self.take_requests().await?;
+        let adopted = self.adopt_all()?;
+        let proof = self.proven_patient()?;
+        for i in 0..self.world.patients.len() {
+            let settled = matches!(self.world.patients[i].row.state, Patient::Done) && proof;
+            if !settled {
+                self.decider.decide(&mut self.world, i)?;
+            }
+        }
+        self.cancel_unwanted()?;
+        let settled = self.decider.over;
+        let started = EngineEvent::Started { patients: self.decider.of, settled, adopted };
+        self.decider.events.insert(0, started);
+        self.take_stop()?;
+        self.begin_ready()?;
+        self.commit().await
+    }
+
+    /// Whether the chains of patients that are done may be taken as they are: another version of the program may want
+    /// other tasks, and then already the first of them says so.
+    fn proven_patient(&mut self) -> Result<bool, EngineError> {
+        let done = |p: &super::entries::PatientEntry| p.selected && matches!(p.row.state, Patient::Done);
+        let Some(i) = self.world.patients.iter().position(done) else { return Ok(true) };
+        self.decider.decide(&mut self.world, i)?;
+        Ok(matches!(self.world.patients[i].row.state, Patient::Done))
+    }
+
+    fn adopt_all(&mut self) -> Result<usize, EngineError> {
+        let mut adopted = 0;
+        let attempts: Vec<AttemptId> = self.world.attempts.keys().cloned().collect();
+        for attempt in attempts {
+            adopted += usize::from(self.adopt(&attempt)?);
+        }
+        Ok(adopted)
+    }
+
+    /// Looks for an attempt that is not over; tells whether it lives.
+    pub(super) fn adopt(&mut self, attempt: &AttemptId) -> Result<bool, EngineError> {
+        let directory = self.world.directory(attempt);
+        match self.executor.adopt(attempt, &directory)? {
+            Found::Alive(claim) => {
+                let id = ExternalId(claim.pid.to_string());
+                self.world.claimed(attempt, claim);
+                self.world.attempt_event(attempt, AttemptEvent::Seen { id })?;
+                self.tails.insert(attempt.clone(), Tail::of(&directory));
+                return Ok(true);
+            }
+            Found::Over { evidence, claim } => {
+                if let Some(claim) = claim {
+                    self.world.claimed(attempt, claim);
+                }
+                self.decider.attempt_ended(&mut self.world, attempt, evidence, Circumstance::Excused)?;
+            }
+            Found::Elsewhere(claim) => {
+                self.world.claimed(attempt, claim);
+                let since_ms = self.world.now_ms;
+                self.world.attempt_event(attempt, AttemptEvent::Vanished { since_ms })?;
+            }
+            // Decided, perhaps even spawned, but not claimed: submitting it again is harmless, since only one process
+            // can claim it.
+            Found::Unclaimed => {
+                let pending = |action: &Action| matches!(action, Action::Submit { attempt: a } if a == attempt);
+                let state = &self.world.attempts[attempt].state;
+                if matches!(state, Attempt::Cancelling) {
+                    self.forget(attempt)?;
+                } else if !self.world.outbox.iter().any(|(_, action)| pending(action)) {
+                    self.world.put_action(Action::Submit { attempt: attempt.clone() });
+                }
+            }
+        }
+        Ok(false)
+    }
+
+    /// Attempts whose tasks nobody waits for any more: inputs changed while no coordinator ran.
+    fn cancel_unwanted(&mut self) -> Result<(), EngineError> {
+        let unwanted: Vec<AttemptId> = self
+            .world
+            .attempts
+            .iter()
+            .filter(|(_, attempt)| !attempt.state.is_final() && !matches!(attempt.state, Attempt::Cancelling))
+            .filter(|(id, _)| self.world.tasks.get(&id.task).is_none_or(|task| task.waiters.is_empty()))
+            .map(|(id, _)| id.clone())
+            .collect();
+        unwanted.iter().try_for_each(|id| self.world.attempt_event(id, AttemptEvent::Cancel))
+    }
+
+    /// Begins ready tasks as far as the executor has room.
+    fn begin_ready(&mut self) -> Result<(), EngineError> {
+        if self.seen_stop > StopLevel::Run {
+            return Ok(());
+        }
+        // Decided and not yet handed over: these take their room, too.
+        let waiting = |a: &&AttemptEntry| matches!(a.state, Attempt::Planned | Attempt::Submitting);
+        let mut free = self.executor.free().saturating_sub(self.world.attempts.values().filter(waiting).count());
+        free = free.min(LARGEST_GROUP);
+        while free > 0 {
+            let Some((_, key)) = self.world.ready.pop_first() else { break };
+            let task = &self.world.tasks[&key];
+            if !matches!(task.state, Task::Open { .. }) || task.waiters.is_empty() {
+                continue;
+            }
+            let waiters = task.waiters.clone();
+            let attempt = self.world.begin(&key)?;
+            free -= 1;
+            for i in waiters {
+                let row = &self.world.patients[i].row;
+                self.decider.events.push(EngineEvent::TaskStarted {
+                    patient: PatientId(row.patient.clone()),
+                    step: row.state.step().map_or_else(String::new, |step| step.to_string()),
+                    generation: attempt.generation,
+                });
+            }
+        }
+        Ok(())
+    }
+
+    /// Commits everything that was decided, then tells it.
+    async fn commit(&mut self) -> Result<(), EngineError> {
+        let mut batch = self.world.flush();
+        if !batch.is_empty() {
+            self.writer.commit(&mut batch).await?;
+            self.crash.pass("after a commit");
+        }
+        for event in self.decider.events.drain(..) {
+            // Nobody may be listening.
+            let _ = self.events.send(event);
+        }
+        Ok(())
+    }
+
+    /// Waits for something to happen and takes it up.
+    async fn observe(&mut self) -> Result<(), EngineError> {
+        let deadline = [self.drain_until, self.leave_until].into_iter().flatten().min();
+        let tick = deadline.map_or(TICK, |at| at.saturating_duration_since(Instant::now()).min(TICK));
+        let news = tokio::select! {
+            biased;
+            news = self.executor.news() => news,
+            () = self.stop.raised_above(self.heard_stop) => Vec::new(),
+            () = tokio::time::sleep(tick) => Vec::new(),
+        };
+        self.world.now_ms = clock::now_ms();
+        let quiet = news.is_empty();
+        for item in news {
+            self.take_news(item)?;
+        }
+        self.take_stop()?;
+        if quiet {
+            self.look_around().await?;
+        }
+        Ok(())
+    }
+
+    fn take_news(&mut self, news: News) -> Result<(), EngineError> {
+        match news {
+            News::Alive { attempt, claim } => {
+                let id = ExternalId(claim.pid.to_string());
+                self.world.claimed(&attempt, claim);
+                self.world.attempt_event(&attempt, AttemptEvent::Seen { id })
+            }
+            News::Vanished { attempt } => {
+                let since_ms = self.world.now_ms;
+                self.world.attempt_event(&attempt, AttemptEvent::Vanished { since_ms })
+            }
+            News::Ended { attempt, mut evidence, claim } => {
+                self.tails.remove(&attempt);
+                if let (Some(why), Evidence::Nothing { reason, .. }) = (self.hung.remove(&attempt), &mut evidence) {
+                    *reason = why;
+                }
+                if let Some(claim) = claim {
+                    self.world.claimed(&attempt, claim);
+                }
+                if self.seen_stop < StopLevel::Now {
+                    self.check_space(&evidence)?;
+                }
+                let circumstance =
+                    if self.leave_until.is_some() { Circumstance::Excused } else { Circumstance::Watched };
+                self.decider.attempt_ended(&mut self.world, &attempt, evidence, circumstance)
+            }
+        }
+    }
+
+    /// A full disk fails every attempt: the run ends before it has spent their retries.
+    fn check_space(&self, evidence: &Evidence) -> Result<(), EngineError> {
+        let site = match evidence {
+            Evidence::Nothing { class, .. } => *class == FailureClass::Site,
+            Evidence::Outcome { outcome, .. } => matches!(&outcome.ending,
+                cardiotwin_schemas::outcome::Ending::Failed { failure } if failure.class == FailureClass::Site),
+        };
+        if !site {
+            return Ok(());
+        }
+        let path: PathBuf = self.world.run_dir.clone();
+        let Ok(space) = rustix::fs::statvfs(&path) else { return Ok(()) };
+        let free = space.f_bavail * space.f_frsize;
+        if free < LEAST_FREE_BYTES { Err(EngineError::NoSpace { path, free_mb: free >> 20 }) } else { Ok(()) }
+    }
+
+    /// What is not told by anybody: requests, progress, hung workers, attempts out of sight.
+    async fn look_around(&mut self) -> Result<(), EngineError> {
+        self.take_requests().await?;
+        let mut hung = Vec::new();
+        for (attempt, tail) in &mut self.tails {
+            if let Some(progress) = tail.next()
+                && let Some(&i) = self.world.tasks.get(&attempt.task).and_then(|task| task.waiters.first())
+            {
+                let row = &self.world.patients[i].row;
+                self.decider.events.push(EngineEvent::Progress {
+                    patient: PatientId(row.patient.clone()),
+                    step: row.state.step().map_or_else(String::new, |step| step.to_string()),
+                    phase: progress.phase,
+                    done: progress.done,
+                    total: progress.total,
+                    note: progress.note,
+                });
+            }
+            let timeout = self.settings.hang_timeout_s;
+            if timeout > 0.0 && tail.grew.elapsed().as_secs_f64() > timeout && !self.hung.contains_key(attempt) {
+                hung.push(attempt.clone());
+            }
+        }
+        for attempt in hung {
+            let reason =
+                format!("no progress for {} s: the worker was taken for hung and killed", self.settings.hang_timeout_s);
+            self.executor.stop(&attempt, &self.world.directory(&attempt), true)?;
+            self.hung.insert(attempt, reason);
+        }
+        let unseen = self.world.attempts.iter().filter(|(_, a)| matches!(a.state, Attempt::Unknown { .. }));
+        for attempt in unseen.map(|(id, _)| id.clone()).collect::<Vec<_>>() {
+            self.adopt(&attempt)?;
+        }
+        Ok(())
+    }
+
+    /// Makes the changes that other processes asked for.
+    async fn take_requests(&mut self) -> Result<(), EngineError> {
+        let pending = requests::pending(&self.world.run_dir)?;
+        if pending.is_empty() {
+            return Ok(());
+        }
+        let mut paths = Vec::new();
+        for (path, request) in pending {
+            let text = match request {
+                Ok(request) => match self.decider.request(&mut self.world, &request) {
+                    Ok(changes) => changes.join("; "),
+                    Err(EngineError::Request { message }) => format!("request refused: {message}"),
+                    Err(other) => return Err(other),
+                },
+                Err(error) => format!("{} cannot be read: {error}", path.display()),
+            };
+            self.decider.events.push(EngineEvent::Request { text });
+            paths.push(path);
+        }
+        self.commit().await?;
+        requests::remove(&paths)
+    }
+
+    /// Whether nothing runs and nothing can be begun.
+    fn idle(&self) -> bool {
+        let stopping = self.seen_stop > StopLevel::Run;
+        let left =
+            stopping && self.leave_until.is_some_and(|at| Instant::now() >= at) && self.seen_stop == StopLevel::Now;
+        let running = self.world.attempts.values().any(|a| {
+            // Not handed over when the stop came: it waits for the next run.
+            !(stopping && matches!(a.state, Attempt::Planned | Attempt::Submitting))
+        });
+        left || (!running && (stopping || self.world.ready.is_empty()))
+    }
+
+    fn summary(&self, wall_s: f64) -> RunSummary {
+        let mut summary = RunSummary {
+            submitted: self.submitted,
+            published: self.decider.published,
+            stopped: self.seen_stop > StopLevel::Run,
+            wall_s,
+            ..RunSummary::default()
+        };
+        for patient in self.world.patients.iter().filter(|p| p.selected) {
+            summary.patients += 1;
+            match &patient.row.state {
+                Patient::Done => summary.done += 1,
+                Patient::Failed { .. } => summary.failed += 1,
+                Patient::Cancelled { .. } => summary.cancelled += 1,
+                _ => summary.unfinished += 1,
+            }
+        }
+        summary
+    }
+}

@@ -1,0 +1,112 @@
+//! Rows of the store as the mirror keeps them.
+
+use std::collections::HashMap;
+use std::sync::OnceLock;
+
+use cardiotwin_schemas::ids::{AttemptId, ExternalId, TaskKey};
+use cardiotwin_schemas::organ::Step1Parameters;
+use cardiotwin_schemas::outcome::TaskOutcome;
+use cardiotwin_schemas::plan::ResolvedPatient;
+use cardiotwin_schemas::progress::Claim;
+
+use crate::machine::chain::Chain;
+use crate::machine::job::Attempt;
+use crate::machine::patient::Step;
+use crate::machine::task::Task;
+use crate::store::Batch;
+use crate::store::attempts::{AttemptChange, NewAttempt};
+use crate::store::patients::{PatientRow, PlanRow};
+use crate::store::tasks::{NewTask, TaskChange};
+
+/// A patient with everything that its chain follows from.
+#[derive(Debug)]
+pub struct PatientEntry {
+    pub row: PatientRow,
+    pub plan_row: PlanRow,
+    /// Read from the row when it is needed first: most patients of a resumed run are over.
+    pub(super) plan: OnceLock<ResolvedPatient>,
+    pub carried: Vec<Step1Parameters>,
+    pub chain: Chain,
+    pub steps: HashMap<Step, TaskKey>,
+    /// Whether this run works on the patient.
+    pub selected: bool,
+    pub(super) stored: bool,
+    pub chain_changed: bool,
+    pub plan_changed: bool,
+}
+
+/// A task with the outcome that settled it.
+#[derive(Debug)]
+pub struct TaskEntry {
+    pub state: Task,
+    pub kind: String,
+    /// The specification; once it is settled nobody asks for it again.
+    pub spec: String,
+    pub(super) version: i64,
+    pub(super) outcome_text: Option<String>,
+    pub(super) outcome: OnceLock<Option<TaskOutcome>>,
+    /// Patients that wait for it.
+    pub waiters: Vec<usize>,
+    pub(super) stored: bool,
+    pub(super) outcome_changed: bool,
+}
+
+/// An attempt that is not over, or ended since the last flush.
+#[derive(Debug)]
+pub struct AttemptEntry {
+    pub state: Attempt,
+    /// Relative to the run directory.
+    pub directory: String,
+    pub(super) version: i64,
+    pub(super) stored: bool,
+    pub(super) external_id: Option<ExternalId>,
+    pub(super) claim: Option<Claim>,
+    pub(super) planned_ms: i64,
+    pub(super) ended_ms: Option<i64>,
+}
+
+impl TaskEntry {
+    pub(super) fn outcome(&self) -> Option<&TaskOutcome> {
+        self.outcome
+            .get_or_init(|| self.outcome_text.as_ref().and_then(|text| serde_json::from_str(text).ok()))
+            .as_ref()
+    }
+
+    pub(super) fn flush(&mut self, key: &str, batch: &mut Batch) {
+        let word = self.state.word();
+        if self.stored {
+            let outcome = self.outcome_text.as_deref().filter(|_| self.outcome_changed);
+            batch.update_task(&TaskChange { key, version: self.version, state: &self.state, word, outcome });
+            self.version += 1;
+            self.outcome_changed = false;
+        } else {
+            batch.insert_task(&NewTask { key, kind: &self.kind, state: &self.state, word, spec: &self.spec });
+            self.stored = true;
+        }
+    }
+}
+
+impl AttemptEntry {
+    pub(super) fn flush(&mut self, id: &AttemptId, allocation: i64, batch: &mut Batch) {
+        let (task, generation, state, word) = (id.task.as_str(), id.generation, &self.state, self.state.word());
+        if !self.stored {
+            let (directory, planned_ms) = (self.directory.as_str(), self.planned_ms);
+            batch.insert_attempt(&NewAttempt { task, generation, allocation, directory, state, word, planned_ms });
+            self.stored = true;
+            return;
+        }
+        let claim = self.claim.take().map(|c| serde_json::to_string(&c).expect("a claim is JSON"));
+        batch.update_attempt(&AttemptChange {
+            task,
+            generation,
+            version: self.version,
+            state,
+            word,
+            over: state.is_final(),
+            external_id: self.external_id.take().as_ref().map(ExternalId::as_str),
+            claim: claim.as_deref(),
+            ended_ms: self.ended_ms,
+        });
+        self.version += 1;
+    }
+}

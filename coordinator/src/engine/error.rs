@@ -1,0 +1,63 @@
+//! What can end the loop itself; what a task does never is among it.
+
+use std::path::PathBuf;
+
+use crate::dispatch::DispatchError;
+use crate::machine::IllegalTransition;
+use crate::store::StoreError;
+use crate::store::lock::LockError;
+
+/// The loop cannot go on. What was committed stays; `run` again continues.
+#[derive(Debug, thiserror::Error)]
+pub enum EngineError {
+    /// Another coordinator holds the run, or the lock cannot be had.
+    #[error(transparent)]
+    Lock(#[from] LockError),
+    /// The database.
+    #[error(transparent)]
+    Store(#[from] StoreError),
+    /// A file or directory of the run.
+    #[error("cannot {what} {path}")]
+    File {
+        /// Verb.
+        what: &'static str,
+        /// Which.
+        path: PathBuf,
+        /// Why.
+        source: std::io::Error,
+    },
+    /// The worker is not where it should be.
+    #[error("no worker at {path}: build it (`cargo build --release`) or name it with --worker")]
+    NoWorker {
+        /// Where it was looked for.
+        path: PathBuf,
+    },
+    /// A defect of ours.
+    #[error("a decision led nowhere")]
+    Transition(#[from] IllegalTransition),
+    /// A request that makes no sense.
+    #[error("{message}")]
+    Request {
+        /// What was asked, what was found, what to do.
+        message: String,
+    },
+    /// An attempt cannot be handed over or looked at.
+    #[error(transparent)]
+    Dispatch(#[from] DispatchError),
+    /// The disk is full.
+    #[error("only {free_mb} MB are free for {path}: free some and run again, nothing that is finished is lost")]
+    NoSpace {
+        /// The run directory.
+        path: PathBuf,
+        /// What is left.
+        free_mb: u64,
+    },
+    /// A stored plan that this version cannot read.
+    #[error("the stored plan of {patient} cannot be read; run the cohort again to replace it")]
+    Plan {
+        /// Whose.
+        patient: String,
+        /// Why.
+        source: serde_json::Error,
+    },
+}

@@ -1,0 +1,236 @@
+//! The loop: observe, decide, commit, act. Resume is this same loop: nothing in memory matters that the store and the
+//! attempt directories do not hold.
+//!
+//! [`run`] drives a cohort; [`rerun`], [`retry`] and [`cancel`] ask for a change, which the coordinator that holds the
+//! run takes up, or which is made at once where none runs. What is asked for takes effect at the next [`run`].
+
+use std::path::{Path, PathBuf};
+
+use cardiotwin_schemas::cohort::SettingsLayer;
+use cardiotwin_schemas::ids::PatientId;
+use cardiotwin_schemas::plan::ResolvedPatient;
+use cardiotwin_schemas::settings::{ExecutorKind, ExecutorSettings};
+
+pub use crate::machine::patient::Stage;
+
+use crate::clock;
+use crate::dispatch::{Executor, InProcess, Local};
+use crate::store::Writer;
+use crate::store::lock::RunLock;
+use crate::store::outbox::Action;
+use decide::Decider;
+use drive::Drive;
+use requests::Request;
+use world::World;
+
+mod act;
+pub mod bench;
+mod change;
+mod crash;
+mod decide;
+mod drive;
+mod entries;
+mod error;
+mod events;
+mod leave;
+mod overlay;
+mod requests;
+mod settings;
+mod show;
+mod step1;
+mod stop;
+#[cfg(test)]
+mod tests;
+mod watch;
+mod workflow;
+mod world;
+
+pub use crate::store::lock::{LockError, LockHolder};
+pub use crate::store::{AttemptRecord, EventRecord, LeafChange, Reader, StepExplanation, StoreError};
+pub use error::EngineError;
+pub use events::{EngineEvent, EventSender, PatientEnding, RunSummary};
+pub use stop::{StopLevel, StopSignal};
+
+/// What to run, where and how.
+#[derive(Debug, Clone)]
+pub struct RunOptions {
+    /// Directory of database, attempts and results; made if absent.
+    pub run_dir: PathBuf,
+    /// Short name of the cohort.
+    pub cohort_name: String,
+    /// One sentence.
+    pub description: String,
+    /// Where the cohort's files lie.
+    pub cohort_dir: PathBuf,
+    /// All patients of the cohort, in its order. `None`: go on with what the store holds.
+    pub patients: Option<Vec<ResolvedPatient>>,
+    /// Work on these only; empty: on all.
+    pub only: Vec<PatientId>,
+    /// Where tasks run and how many at once.
+    pub executor: ExecutorSettings,
+    /// The worker's executable; `None`: `cardiotwin-worker` beside our own.
+    pub worker: Option<PathBuf>,
+}
+
+/// What became of a request.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Answer {
+    /// It was made; say `run` to go on.
+    Applied {
+        /// What changed, for a person, a line each.
+        changes: Vec<String>,
+    },
+    /// A coordinator runs and was asked to make it.
+    Asked {
+        /// Which.
+        holder: LockHolder,
+    },
+}
+
+/// Drives a cohort until every patient is over or `stop` is raised.
+///
+/// Opens (or makes) the run directory, takes its lock, adopts what an earlier coordinator left, then observes, decides,
+/// commits and acts until nothing is left. What was published is never done again; changed inputs or settings lead to
+/// other tasks, and only these are done. Calling it again continues.
+///
+/// # Errors
+/// [`EngineError`]: another coordinator holds the run, the store or a file system fails, a state is impossible. Never
+/// because of what a task did: that is in the summary.
+pub async fn run(options: RunOptions, events: EventSender, stop: StopSignal) -> Result<RunSummary, EngineError> {
+    let (lock, run_dir) = enter(&options.run_dir)?;
+    let workers = decide::workers(&options.executor);
+    let summary = match options.executor.kind {
+        ExecutorKind::Local => {
+            let worker = find_worker(options.worker.as_deref())?;
+            drive(options, &run_dir, Local::new(worker, workers), events, stop).await
+        }
+        // As many as fit in a commit: there is no process to wait for.
+        ExecutorKind::InProcess => drive(options, &run_dir, InProcess::new(4096), events, stop).await,
+    };
+    drop(lock);
+    summary
+}
+
+async fn drive<E: Executor>(
+    options: RunOptions,
+    run_dir: &Path,
+    executor: E,
+    events: EventSender,
+    stop: StopSignal,
+) -> Result<RunSummary, EngineError> {
+    let mut writer = Writer::open(run_dir).await?;
+    let now_ms = clock::now_ms();
+    let mut world = World::new(run_dir, writer.load().await?, now_ms)?;
+    let mut decider = Decider { site_retries: options.executor.site_retries, ..Decider::default() };
+    let cohort_dir = options.cohort_dir.to_string_lossy();
+    if let Some(plans) = &options.patients {
+        writer
+            .set_meta(&[
+                ("cohort", options.cohort_name.as_str()),
+                ("description", options.description.as_str()),
+                ("cohort_dir", &cohort_dir),
+            ])
+            .await?;
+        decider.take_up(&mut world, plans)?;
+    }
+    for patient in &mut world.patients {
+        let named = options.only.is_empty() || options.only.iter().any(|id| id.as_str() == patient.row.patient);
+        patient.selected = patient.row.active && named;
+    }
+    decider.of = world.patients.iter().filter(|p| p.selected).count();
+    decider.over = world.patients.iter().filter(|p| p.selected && p.row.state.is_final()).count();
+    let pid = std::process::id().to_string();
+    world.allocation = writer.open_allocation(executor.kind(), &pid, &crate::store::lock::host_name(), now_ms).await?;
+    Drive::new(world, decider, writer, executor, options.executor, events, stop).run().await
+}
+
+/// The run directory, made if need be, absolute and locked.
+fn enter(run_dir: &Path) -> Result<(RunLock, PathBuf), EngineError> {
+    let file = |what| move |source| EngineError::File { what, path: run_dir.to_owned(), source };
+    std::fs::create_dir_all(run_dir).map_err(file("make"))?;
+    let run_dir = std::path::absolute(run_dir).map_err(file("find"))?;
+    Ok((RunLock::acquire(&run_dir)?, run_dir))
+}
+
+/// The worker's executable: as named, else beside our own.
+fn find_worker(named: Option<&Path>) -> Result<PathBuf, EngineError> {
+    let path = match named {
+        Some(path) => path.to_owned(),
+        None => {
+            let own = std::env::current_exe().unwrap_or_else(|_| PathBuf::from("."));
+            own.with_file_name("cardiotwin-worker")
+        }
+    };
+    // Absolute, since workers are started from wherever we are.
+    let path = std::path::absolute(&path).unwrap_or(path);
+    if path.is_file() { Ok(path) } else { Err(EngineError::NoWorker { path }) }
+}
+
+/// Changes settings of a patient from a stage on; step 1 goes on from its stored iterations without repeating them.
+///
+/// `overrides` has the tables of `cohort.toml`, win over every other layer, and stay until changed by another rerun.
+///
+/// # Errors
+/// [`EngineError::Request`] for an unknown patient, a stage or a setting that makes no sense; the store's errors.
+pub async fn rerun(
+    run_dir: &Path,
+    patient: &PatientId,
+    from: Stage,
+    overrides: &SettingsLayer,
+) -> Result<Answer, EngineError> {
+    ask(run_dir, Request::Rerun { patient: patient.clone(), from, overrides: overrides.clone() }).await
+}
+
+/// Opens the failed tasks of a patient for another try with the same settings; a cancelled patient goes on.
+///
+/// # Errors
+/// [`EngineError::Request`] where nothing failed; the store's errors.
+pub async fn retry(run_dir: &Path, patient: &PatientId) -> Result<Answer, EngineError> {
+    ask(run_dir, Request::Retry { patient: patient.clone() }).await
+}
+
+/// Ends a patient's chain; `None`: those of all patients. What is published stays.
+///
+/// # Errors
+/// [`EngineError::Request`] for an unknown patient; the store's errors.
+pub async fn cancel(run_dir: &Path, patient: Option<&PatientId>) -> Result<Answer, EngineError> {
+    ask(run_dir, Request::Cancel { patient: patient.cloned() }).await
+}
+
+/// Makes a change where no coordinator runs, and asks the one that does.
+async fn ask(run_dir: &Path, request: Request) -> Result<Answer, EngineError> {
+    // A run that is not there, or no patient of that name, is said at once, whoever would make the change.
+    let reader = Reader::open(run_dir).await?;
+    if let Request::Rerun { patient, .. } | Request::Retry { patient } | Request::Cancel { patient: Some(patient) } =
+        &request
+    {
+        reader.patient_record(patient).await?;
+    }
+    drop(reader);
+    let (_lock, run_dir) = match enter(run_dir) {
+        Ok(entered) => entered,
+        Err(EngineError::Lock(LockError::Held { holder, .. })) => {
+            requests::put(run_dir, &request)?;
+            return Ok(Answer::Asked { holder });
+        }
+        Err(error) => return Err(error),
+    };
+    let mut writer = Writer::open(&run_dir).await?;
+    let mut world = World::new(&run_dir, writer.load().await?, clock::now_ms())?;
+    for i in 0..world.patients.len() {
+        world.await_present_task(i);
+    }
+    let changes = Decider::default().request(&mut world, &request)?;
+    writer.commit(&mut world.flush()).await?;
+    // Workers that outlived their coordinator and are not wanted any more are ended now, not at the next run.
+    let mut local = Local::new(PathBuf::new(), 0);
+    for (_, action) in &world.outbox {
+        if let Action::Stop { attempt } = action {
+            let directory = world.directory(attempt);
+            local.adopt(attempt, &directory)?;
+            local.stop(attempt, &directory, true)?;
+        }
+    }
+    writer.close("none", clock::now_ms()).await?;
+    Ok(Answer::Applied { changes })
+}

@@ -1,0 +1,153 @@
+//! `models/<patient>/model.toml`: what was learned about a patient, versioned, never mixed with what was measured.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::io::{self, Write as _};
+use std::path::Path;
+
+use cardiotwin_schemas::organ::OrganSpec;
+use cardiotwin_schemas::outcome::TaskResult;
+use cardiotwin_schemas::overlay::ModelOverlay;
+
+use super::EngineError;
+use super::workflow::{Settled, cell_parameters};
+use super::world::World;
+use crate::clock;
+use crate::machine::patient::Step;
+
+/// What is learned about a patient so far, without version and time; `None` before step 0.
+pub fn learned(world: &World, i: usize) -> Result<Option<ModelOverlay>, EngineError> {
+    let plan = world.plan(i)?;
+    let chain = &world.patients[i].chain;
+    let result = |key| match world.settled(key) {
+        Some(Settled::Published { result, .. }) => Some(result),
+        _ => None,
+    };
+    let Some(TaskResult::PassiveState(step0)) = chain.step0.as_ref().and_then(result) else { return Ok(None) };
+    let OrganSpec::Reduced { passive, .. } = &step0.organ;
+    let fit = match chain.cell_fit.as_ref().and_then(result) {
+        Some(TaskResult::CellFit(fit)) => Some(fit),
+        _ => None,
+    };
+    // Every iteration of step 1 but the best one is a way, no foundation.
+    let best = chain.step1.as_ref().map(|s| s.best_iteration);
+    let from = chain
+        .steps()
+        .filter(|(step, _)| is_foundation(*step, best))
+        .map(|(step, key)| (step.stage.to_string(), key.to_string()));
+    Ok(Some(ModelOverlay {
+        version: 0,
+        patient: plan.id.to_string(),
+        written: String::new(),
+        from: from.collect(),
+        afterload: Some(step0.circulation.afterload),
+        left_atrial_pressure_mmhg: Some(step0.circulation.left_atrial_pressure_mmhg),
+        passive: Some(*passive),
+        tanh: chain.step1.as_ref().map(|s| s.parameters.tanh),
+        valves: chain.step1.as_ref().map(|s| s.parameters.valves),
+        // `a_p` stays out of the organ, but it was learned: the overlay keeps all that was fitted.
+        cell: fit.map_or_else(BTreeMap::new, |fit| {
+            let mut cell = cell_parameters(plan, fit);
+            cell.extend(fit.parameters.iter().map(|p| (p.name.clone(), p.value)));
+            cell
+        }),
+        effects: plan.effects.clone(),
+    }))
+}
+
+fn is_foundation(step: Step, best: Option<u32>) -> bool {
+    step.stage != crate::machine::patient::Stage::Step1 || best == Some(step.number)
+}
+
+/// Writes the next version if it says something new; the versions before stay as `model.vN.toml`.
+pub fn write(run_dir: &Path, mut overlay: ModelOverlay) -> Result<(), EngineError> {
+    let folder = run_dir.join("models").join(&overlay.patient);
+    let path = folder.join("model.toml");
+    let file = |what, path: &Path| {
+        let path = path.to_owned();
+        move |source| EngineError::File { what, path, source }
+    };
+    let before = match fs::read_to_string(&path) {
+        Ok(text) => Some(text),
+        Err(error) if error.kind() == io::ErrorKind::NotFound => None,
+        Err(source) => return Err(file("read", &path)(source)),
+    };
+    if let Some(text) = &before {
+        // One that a person has made unreadable is kept aside like any other, under the next free number.
+        let old = toml::from_str::<ModelOverlay>(text).ok();
+        let version = old.as_ref().map_or_else(|| kept_versions(&folder) + 1, |old| old.version);
+        if let Some(old) = old {
+            overlay.version = old.version;
+            overlay.written.clone_from(&old.written);
+            if overlay == old {
+                return Ok(());
+            }
+        }
+        let kept = folder.join(format!("model.v{version}.toml"));
+        replace(&kept, text.as_bytes()).map_err(file("write", &kept))?;
+        overlay.version = version + 1;
+    } else {
+        overlay.version = kept_versions(&folder) + 1;
+    }
+    overlay.written = clock::now_utc();
+    let text = toml::to_string(&overlay)
+        .map_err(|error| file("write", &path)(io::Error::new(io::ErrorKind::InvalidData, error)))?;
+    let head = "# Written by cardiotwin from results; measured input is never changed. Older versions: model.vN.toml\n";
+    fs::create_dir_all(&folder).map_err(file("make", &folder))?;
+    replace(&path, format!("{head}{text}").as_bytes()).map_err(file("write", &path))
+}
+
+/// Highest N of `model.vN.toml`.
+fn kept_versions(folder: &Path) -> u32 {
+    let number = |name: &str| name.strip_prefix("model.v")?.strip_suffix(".toml")?.parse::<u32>().ok();
+    fs::read_dir(folder)
+        .map(|entries| entries.flatten().filter_map(|e| number(&e.file_name().to_string_lossy())).max().unwrap_or(0))
+        .unwrap_or(0)
+}
+
+/// Old content or new, never half of one.
+fn replace(path: &Path, bytes: &[u8]) -> io::Result<()> {
+    let draft = path.with_extension("toml.new");
+    let mut file = fs::File::create(&draft)?;
+    file.write_all(bytes)?;
+    file.sync_all()?;
+    fs::rename(&draft, path)?;
+    fs::File::open(path.parent().unwrap_or(Path::new(".")))?.sync_all()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn overlay(pressure: f64) -> ModelOverlay {
+        ModelOverlay {
+            version: 0,
+            patient: "P1".into(),
+            written: String::new(),
+            from: [("step-0".to_owned(), "key".to_owned())].into(),
+            afterload: None,
+            left_atrial_pressure_mmhg: Some(pressure),
+            passive: None,
+            tanh: Some(Default::default()),
+            valves: None,
+            cell: BTreeMap::new(),
+            effects: vec![],
+        }
+    }
+
+    #[test]
+    fn a_new_version_only_when_something_changed_and_the_old_ones_stay() {
+        let dir = tempfile::tempdir().unwrap();
+        let read = |name: &str| {
+            let text = fs::read_to_string(dir.path().join("models/P1").join(name)).unwrap();
+            toml::from_str::<ModelOverlay>(&text).unwrap()
+        };
+        write(dir.path(), overlay(6.0)).unwrap();
+        write(dir.path(), overlay(6.0)).unwrap();
+        assert_eq!(read("model.toml").version, 1);
+        write(dir.path(), overlay(7.0)).unwrap();
+        let now = read("model.toml");
+        assert_eq!((now.version, now.left_atrial_pressure_mmhg), (2, Some(7.0)));
+        assert_eq!(read("model.v1.toml").left_atrial_pressure_mmhg, Some(6.0));
+    }
+}

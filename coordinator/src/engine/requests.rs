@@ -1,0 +1,93 @@
+//! What other processes ask of a running coordinator: files in `requests/`, put there by rename, taken up at the next
+//! tick, removed after the commit. Each may be taken up twice and then changes nothing more.
+
+use std::fs;
+use std::io;
+use std::path::{Path, PathBuf};
+
+use cardiotwin_schemas::cohort::SettingsLayer;
+use cardiotwin_schemas::ids::PatientId;
+use serde::{Deserialize, Serialize};
+
+use super::EngineError;
+use crate::clock;
+use crate::machine::patient::Stage;
+
+const FOLDER: &str = "requests";
+
+/// A change that a person asks for.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "request", rename_all = "kebab-case")]
+pub enum Request {
+    /// Other settings from a stage on.
+    Rerun {
+        /// Whose.
+        patient: PatientId,
+        /// From where.
+        from: Stage,
+        /// Laid over all other settings.
+        overrides: SettingsLayer,
+    },
+    /// The failed tasks again.
+    Retry {
+        /// Whose.
+        patient: PatientId,
+    },
+    /// No more.
+    Cancel {
+        /// Whose; none: all.
+        patient: Option<PatientId>,
+    },
+}
+
+/// Puts a request where the running coordinator looks.
+pub fn put(run_dir: &Path, request: &Request) -> Result<(), EngineError> {
+    let folder = run_dir.join(FOLDER);
+    let file = |what, path: &Path| {
+        let path = path.to_owned();
+        move |source| EngineError::File { what, path, source }
+    };
+    fs::create_dir_all(&folder).map_err(file("make", &folder))?;
+    // Sorted by time; the process id keeps two requests of the same millisecond apart.
+    let name = format!("{:015}-{}", clock::now_ms(), std::process::id());
+    let (draft, path) = (folder.join(format!("{name}.draft")), folder.join(format!("{name}.json")));
+    let text = serde_json::to_vec(request).expect("a request is JSON");
+    fs::write(&draft, text).map_err(file("write", &draft))?;
+    fs::rename(&draft, &path).map_err(file("write", &path))
+}
+
+/// A request's file and what it says, or why it cannot be read.
+pub type Pending = (PathBuf, Result<Request, String>);
+
+/// All requests in the order in which they were made; what cannot be read is told and left out.
+pub fn pending(run_dir: &Path) -> Result<Vec<Pending>, EngineError> {
+    let folder = run_dir.join(FOLDER);
+    let entries = match fs::read_dir(&folder) {
+        Ok(entries) => entries,
+        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(Vec::new()),
+        Err(source) => return Err(EngineError::File { what: "list", path: folder, source }),
+    };
+    let mut paths: Vec<PathBuf> =
+        entries.flatten().map(|e| e.path()).filter(|p| p.extension().is_some_and(|e| e == "json")).collect();
+    paths.sort();
+    Ok(paths
+        .into_iter()
+        .map(|path| {
+            let read = fs::read(&path).map_err(|e| e.to_string());
+            let request = read.and_then(|bytes| serde_json::from_slice(&bytes).map_err(|e| e.to_string()));
+            (path, request)
+        })
+        .collect())
+}
+
+/// Forgets requests that were taken up.
+pub fn remove(paths: &[PathBuf]) -> Result<(), EngineError> {
+    for path in paths {
+        match fs::remove_file(path) {
+            Ok(()) => {}
+            Err(error) if error.kind() == io::ErrorKind::NotFound => {}
+            Err(source) => return Err(EngineError::File { what: "remove", path: path.clone(), source }),
+        }
+    }
+    Ok(())
+}

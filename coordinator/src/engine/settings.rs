@@ -1,0 +1,64 @@
+//! A patient's plan: what the cohort's files give, with what reruns changed on top.
+
+use cardiotwin_schemas::cohort::SettingsLayer;
+use cardiotwin_schemas::plan::ResolvedPatient;
+use serde_json::Value;
+
+use crate::machine::patient::Stage;
+
+/// `given` with the overrides' tables laid over its settings, key by key.
+///
+/// # Errors
+/// The key that makes no sense, in serde's words.
+pub fn plan(given: &ResolvedPatient, overrides: &SettingsLayer) -> Result<ResolvedPatient, serde_json::Error> {
+    let mut settings = serde_json::to_value(&given.settings)?;
+    lay_over(&mut settings, &serde_json::to_value(overrides)?);
+    Ok(ResolvedPatient { settings: serde_json::from_value(settings)?, ..given.clone() })
+}
+
+/// Earlier overrides with later ones on top.
+///
+/// # Errors
+/// None in practice: both are JSON already.
+pub fn merged(earlier: &SettingsLayer, later: &SettingsLayer) -> Result<SettingsLayer, serde_json::Error> {
+    let mut layer = serde_json::to_value(earlier)?;
+    lay_over(&mut layer, &serde_json::to_value(later)?);
+    serde_json::from_value(layer)
+}
+
+fn lay_over(below: &mut Value, above: &Value) {
+    match (below, above) {
+        (Value::Object(below), Value::Object(above)) => {
+            for (key, value) in above {
+                lay_over(below.entry(key.clone()).or_insert(Value::Null), value);
+            }
+        }
+        (below, above) => *below = above.clone(),
+    }
+}
+
+/// The first table of a layer that acts on a stage before `from`, with that stage.
+#[must_use]
+pub fn acts_before(layer: &SettingsLayer, from: Stage) -> Option<(&'static str, Stage)> {
+    let tables = [
+        ("solver", layer.solver.is_some(), Stage::Step0),
+        ("step1", layer.step1.is_some(), Stage::Step1),
+        ("step2", layer.step2.is_some(), Stage::Step2),
+        ("verification", layer.verification.is_some(), Stage::Verification),
+    ];
+    tables.into_iter().find(|(_, there, stage)| *there && *stage < from).map(|(name, _, stage)| (name, stage))
+}
+
+/// Whether two plans lead to the same tasks: where tasks run and where files lie is no part of them.
+#[must_use]
+pub fn same_tasks(a: &ResolvedPatient, b: &ResolvedPatient) -> bool {
+    let bare = |plan: &ResolvedPatient| {
+        let mut plan = plan.clone();
+        plan.settings.executor = Default::default();
+        for file in [&mut plan.step0.pressure, &mut plan.step0.volume].into_iter().flatten() {
+            file.path.clear();
+        }
+        plan
+    };
+    bare(a) == bare(b)
+}

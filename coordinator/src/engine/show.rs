@@ -1,0 +1,92 @@
+//! What tables show of a patient.
+
+use super::world::World;
+use crate::machine::job::Attempt;
+use crate::machine::patient::{Patient, Stage, Step};
+use crate::machine::task::Task;
+use crate::store::patients::Shown;
+use cardiotwin_schemas::ids::{AttemptId, TaskKey};
+use cardiotwin_schemas::plan::Workflow;
+
+impl World {
+    /// Brings the shown columns of a patient's row up to date with its state.
+    pub fn show(&mut self, i: usize) {
+        let shown = self.shown(i);
+        let row = &mut self.patients[i].row;
+        let place = |s: &Shown| (s.word.clone(), s.step.clone(), s.iteration);
+        if place(&shown) != place(&row.shown) {
+            row.since_ms = self.now_ms;
+        }
+        row.shown = shown;
+    }
+
+    fn shown(&self, i: usize) -> Shown {
+        let patient = &self.patients[i];
+        let (chain, state) = (&patient.chain, &patient.row.state);
+        let mut shown = Shown {
+            word: state.word().to_owned(),
+            step: state.step().map_or_else(|| "-".to_owned(), column),
+            step1_cost: chain.best_cost(),
+            step1_quality: chain.step1.as_ref().map(ToString::to_string),
+            step2_cost: chain.step2_cost,
+            ..Shown::default()
+        };
+        if let Ok(plan) = self.plan(i)
+            && plan.workflow == Workflow::Personalise
+        {
+            let running = state.step().filter(|s| s.stage == Stage::Step1).map_or(0, |s| s.number);
+            shown.iteration = Some(running.max(chain.iterations.len() as u32));
+            shown.max_iterations = Some(patient.carried.len() as u32 + plan.settings.step1.max_iterations);
+        }
+        match state {
+            Patient::Waiting => shown.step = chain.steps().last().map_or(shown.step, |(step, _)| column(step)),
+            Patient::Deciding { .. } => {}
+            Patient::Working { task, .. } => {
+                let (word, note) = self.at_work(task);
+                shown.word = word.to_owned();
+                shown.note = note;
+            }
+            Patient::Done => {
+                shown.step = "done".to_owned();
+                shown.note = match &chain.step1 {
+                    Some(summary) => format!("step 1 {summary}"),
+                    None => String::new(),
+                };
+            }
+            Patient::Failed { step, failure } => {
+                shown.failure_class = Some(failure.class);
+                shown.note = match step.stage {
+                    Stage::Step1 => format!("iteration {}: {}", step.number, failure.message),
+                    _ => failure.message.clone(),
+                };
+            }
+            Patient::Cancelled { .. } => shown.note = "ended by request; `retry` goes on".to_owned(),
+        }
+        shown
+    }
+
+    /// How it stands with a wanted task, in a word and a note.
+    fn at_work(&self, key: &TaskKey) -> (&'static str, String) {
+        let Some(task) = self.tasks.get(key) else { return ("waiting", String::new()) };
+        match &task.state {
+            Task::Attempting { generation, .. } => {
+                let attempt = AttemptId { task: key.clone(), generation: *generation };
+                let again = if *generation > 1 { format!("try {generation}") } else { String::new() };
+                match self.attempts.get(&attempt).map(|a| &a.state) {
+                    Some(Attempt::Unknown { .. }) => ("unknown", "no news of the worker".to_owned()),
+                    _ => ("running", again),
+                }
+            }
+            Task::Open { .. } => ("waiting", "for a free worker".to_owned()),
+            Task::Published { .. } | Task::Failed { .. } => ("waiting", String::new()),
+        }
+    }
+}
+
+/// The step as the table's column has it.
+fn column(step: Step) -> String {
+    match step.stage {
+        Stage::Noop => step.to_string(),
+        stage => stage.to_string(),
+    }
+}

@@ -1,0 +1,302 @@
+//! The loop with scripted answers: the whole chain, failures of each class, changed settings, requests.
+
+mod scripted;
+
+use std::path::Path;
+use std::sync::{Arc, Mutex};
+
+use cardiotwin_schemas::cohort::SettingsLayer;
+use cardiotwin_schemas::failure::FailureClass;
+use cardiotwin_schemas::ids::PatientId;
+use cardiotwin_schemas::overlay::ModelOverlay;
+use cardiotwin_schemas::plan::{ResolvedPatient, Workflow};
+use cardiotwin_schemas::record::{PatientRecord, Step1Quality};
+use cardiotwin_schemas::settings::ExecutorSettings;
+use serde_json::json;
+
+use super::*;
+use scripted::{Script, Scripted};
+
+struct Bench {
+    dir: tempfile::TempDir,
+    script: Arc<Mutex<Script>>,
+    patients: Vec<ResolvedPatient>,
+}
+
+fn personalised(id: &str, edp_mmhg: f64) -> ResolvedPatient {
+    let mut patient = bench::noop_patient(id, 0);
+    patient.workflow = Workflow::Personalise;
+    patient.step0.end_diastolic_pressure_mmhg = Some(edp_mmhg);
+    patient.settings.step1.tolerance = 1e-3;
+    patient
+}
+
+impl Bench {
+    fn new(patients: Vec<ResolvedPatient>) -> Self {
+        Self { dir: tempfile::tempdir().unwrap(), script: Arc::default(), patients }
+    }
+
+    fn path(&self) -> &Path {
+        self.dir.path()
+    }
+
+    fn script(&self, change: impl FnOnce(&mut Script)) {
+        change(&mut self.script.lock().unwrap());
+    }
+
+    /// Runs, and tells what was submitted.
+    async fn run(&self) -> (RunSummary, Vec<&'static str>) {
+        let (events, _) = tokio::sync::mpsc::unbounded_channel();
+        self.run_with(events, StopSignal::new()).await
+    }
+
+    async fn run_with(&self, events: EventSender, stop: StopSignal) -> (RunSummary, Vec<&'static str>) {
+        let options = RunOptions {
+            run_dir: self.path().to_owned(),
+            cohort_name: "test".into(),
+            description: String::new(),
+            cohort_dir: self.path().to_owned(),
+            patients: Some(self.patients.clone()),
+            only: vec![],
+            executor: ExecutorSettings::default(),
+            worker: None,
+        };
+        self.script(|s| s.submitted.clear());
+        let (_lock, run_dir) = enter(self.path()).unwrap();
+        let summary = drive(options, &run_dir, Scripted::new(&self.script), events, stop).await.unwrap();
+        (summary, self.script.lock().unwrap().submitted.clone())
+    }
+
+    async fn reader(&self) -> Reader {
+        Reader::open(self.path()).await.unwrap()
+    }
+
+    async fn patient(&self, id: &str) -> PatientRecord {
+        self.reader().await.patient_record(&PatientId::from(id)).await.unwrap()
+    }
+
+    fn overlay(&self, id: &str, file: &str) -> ModelOverlay {
+        toml::from_str(&std::fs::read_to_string(self.path().join("models").join(id).join(file)).unwrap()).unwrap()
+    }
+}
+
+fn layer(value: serde_json::Value) -> SettingsLayer {
+    serde_json::from_value(value).unwrap()
+}
+
+#[tokio::test]
+async fn the_whole_chain_is_walked_once_and_leaves_record_and_overlay() {
+    let bench = Bench::new(vec![personalised("P1", 8.0)]);
+    let (summary, submitted) = bench.run().await;
+    assert_eq!((summary.done, summary.failed, summary.stopped), (1, 0, false));
+    assert_eq!(submitted[0], "passive-state");
+    assert_eq!(submitted[submitted.len() - 3..], ["targets", "cell-fit", "organ-beat"]);
+    let record = bench.patient("P1").await;
+    let step1 = record.step1.unwrap();
+    assert_eq!(step1.quality, Step1Quality::Converged);
+    assert_eq!(record.iterations.len(), submitted.len() - 4);
+    assert_eq!(step1.best_iteration as usize, record.iterations.len());
+    assert!(step1.cost <= 1e-3 && record.iterations[0].cost.unwrap() > 0.1);
+    for (found, truth) in step1.parameters.updated().into_iter().zip(scripted::TRUTH) {
+        assert!((found / truth - 1.0).abs() < 0.1, "{found} for {truth}");
+    }
+    assert!(record.verification_cost.unwrap() < 0.01);
+    assert!(record.verification.is_some() && record.targets.is_some() && record.step0.is_some());
+    let first = &record.iterations[0].relative_differences;
+    assert!(first["P_max_mmHg"] < 0.0, "simulated below measured is negative: {first:?}");
+    let overlay = bench.overlay("P1", "model.toml");
+    assert_eq!((overlay.version, overlay.tanh), (1, Some(step1.parameters.tanh)));
+    assert_eq!(overlay.cell["a_p_kPa"], 43.0);
+
+    let (again, submitted) = bench.run().await;
+    assert!(again.nothing_to_do() && submitted.is_empty());
+    assert_eq!(bench.overlay("P1", "model.toml").version, 1);
+}
+
+#[tokio::test]
+async fn a_simulation_that_fails_ends_step1_as_stalled_and_a_rerun_continues_without_repeating() {
+    let bench = Bench::new(vec![personalised("P1", 8.0)]);
+    bench.script(|s| s.diverges_above_kpa = Some(150.0));
+    let (summary, _) = bench.run().await;
+    assert_eq!(summary.done, 1, "the chain goes on from the best iteration");
+    let record = bench.patient("P1").await;
+    let n = record.iterations.len();
+    assert!(record.iterations[n - 1].failure.is_some() && n >= 2, "{n} iterations");
+    let quality = record.status.step1_quality.unwrap();
+    assert!(quality.starts_with("stalled: best iteration"), "{quality}");
+
+    let answer = rerun(bench.path(), &"P1".into(), Stage::Step1, &layer(json!({"step1": {"damping": 0.3}}))).await;
+    assert!(matches!(answer, Ok(Answer::Applied { .. })), "{answer:?}");
+    bench.script(|s| s.diverges_above_kpa = Some(1000.0));
+    let (summary, submitted) = bench.run().await;
+    assert_eq!(summary.done, 1);
+    assert!(!submitted.contains(&"passive-state"));
+    let record = bench.patient("P1").await;
+    let simulations = submitted.iter().filter(|kind| **kind == "organ-beat").count();
+    // New iterations and the verification beat; none of the stored ones.
+    assert_eq!(record.iterations.len(), n + simulations - 1);
+    let keys: std::collections::BTreeSet<_> =
+        record.iterations.iter().map(|i| serde_json::to_string(&i.parameters).unwrap()).collect();
+    assert_eq!(keys.len(), record.iterations.len(), "an iteration was repeated");
+    assert!(record.step1.unwrap().cost < record.iterations[n - 2].cost.unwrap());
+    assert_eq!(bench.overlay("P1", "model.toml").version, 2);
+    assert_eq!(bench.overlay("P1", "model.v1.toml").version, 1);
+    assert_eq!(record.plan.settings.step1.damping, 0.3);
+    // The override outlives the next run, in which the files give the old value again.
+    assert!(bench.run().await.0.nothing_to_do());
+}
+
+#[tokio::test]
+async fn a_first_simulation_that_fails_fails_the_patient_and_a_retry_repeats_it() {
+    let bench = Bench::new(vec![personalised("P1", 8.0)]);
+    bench.script(|s| s.diverges_above_kpa = Some(10.0));
+    let (summary, _) = bench.run().await;
+    assert_eq!(summary.failed, 1);
+    let status = bench.reader().await.status().await.unwrap();
+    assert_eq!(status.patients[0].failure_class, Some(FailureClass::Numerics));
+    assert!(status.patients[0].note.contains("Newton did not converge"), "{}", status.patients[0].note);
+    // Again alone changes nothing: a failure of the numerics is not tried again by itself.
+    assert_eq!(bench.run().await.1.len(), 0);
+    retry(bench.path(), &"P1".into()).await.unwrap();
+    let (summary, submitted) = bench.run().await;
+    assert_eq!((summary.failed, submitted.as_slice()), (1, &["organ-beat"][..]));
+    bench.script(|s| s.diverges_above_kpa = None);
+    retry(bench.path(), &"P1".into()).await.unwrap();
+    assert_eq!(bench.run().await.0.done, 1);
+    assert!(matches!(retry(bench.path(), &"P1".into()).await, Err(EngineError::Request { .. })));
+}
+
+#[tokio::test]
+async fn only_what_depends_on_a_changed_setting_is_redone_and_explain_names_it() {
+    let mut bench = Bench::new(vec![personalised("P1", 8.0), personalised("P2", 9.0)]);
+    bench.run().await;
+    bench.patients[0].settings.step2.popsize = 20;
+    let (_, submitted) = bench.run().await;
+    // The verification beat of the same fitted parameters is the same task.
+    assert_eq!(submitted, ["cell-fit"]);
+    let explained = bench.reader().await.explain(&"P1".into()).await.unwrap();
+    let step2 = explained.iter().find(|e| e.step == "step-2").unwrap();
+    let change = &step2.changes[0];
+    assert_eq!(
+        (change.path.as_str(), &change.old, &change.new),
+        ("settings.popsize", &Some(json!(15)), &Some(json!(20)))
+    );
+    assert_eq!(step2.changes.len(), 1);
+    assert!(explained.iter().filter(|e| e.step != "step-2").all(|e| e.changes.is_empty()));
+
+    bench.patients[0].step0.end_diastolic_pressure_mmhg = Some(10.0);
+    let (_, submitted) = bench.run().await;
+    assert_eq!(submitted[0], "passive-state");
+    assert!(bench.run().await.0.nothing_to_do());
+}
+
+#[tokio::test]
+async fn equal_work_of_two_patients_is_done_once() {
+    let bench = Bench::new(vec![personalised("P1", 8.0), personalised("P2", 8.0)]);
+    let (summary, submitted) = bench.run().await;
+    assert_eq!(summary.done, 2);
+    let count = |kind| submitted.iter().filter(|k| **k == kind).count();
+    assert_eq!((count("passive-state"), count("targets")), (1, 1));
+    // Each has its own seed; equal fits lead to one verification beat.
+    assert_eq!(count("cell-fit"), 2);
+    let explained = bench.reader().await.explain(&"P1".into()).await.unwrap();
+    assert_eq!(explained[0].shared_with, [PatientId::from("P2")]);
+}
+
+#[tokio::test]
+async fn lost_workers_are_replaced_as_often_as_asked() {
+    let bench = Bench::new(vec![personalised("P1", 8.0)]);
+    bench.script(|s| s.lost_attempts = 2);
+    assert_eq!(bench.run().await.0.done, 1);
+    let attempts = bench.reader().await.attempts(&"P1".into()).await.unwrap();
+    let words: Vec<_> = attempts[..3].iter().map(|a| (a.generation, a.state.word())).collect();
+    assert_eq!(words, [(1, "lost"), (2, "lost"), (3, "succeeded")]);
+
+    let bench = Bench::new(vec![personalised("P1", 8.0)]);
+    bench.script(|s| s.lost_attempts = 3);
+    assert_eq!(bench.run().await.0.failed, 1);
+    assert_eq!(bench.patient("P1").await.failure.unwrap().class, FailureClass::Site);
+    retry(bench.path(), &"P1".into()).await.unwrap();
+    assert_eq!(bench.run().await.0.done, 1);
+}
+
+#[tokio::test]
+async fn a_request_reaches_a_running_coordinator_and_cancels_its_work() {
+    let bench = Bench::new(vec![personalised("P1", 8.0), personalised("P2", 9.0)]);
+    bench.script(|s| s.silent_on = Some("cell-fit"));
+    let (events, mut told) = tokio::sync::mpsc::unbounded_channel();
+    let path = bench.path().to_owned();
+    let canceller = async move {
+        let mut fits = 0;
+        while let Some(event) = told.recv().await {
+            fits += u32::from(matches!(&event, EngineEvent::TaskStarted { step, .. } if step == "step-2"));
+            if fits == 2 {
+                break;
+            }
+        }
+        let one = cancel(&path, Some(&"P1".into())).await.unwrap();
+        let unknown = cancel(&path, Some(&"P9".into())).await.is_err();
+        let all = cancel(&path, None).await.unwrap();
+        (one, unknown, all)
+    };
+    let ((summary, _), (one, unknown, all)) = tokio::join!(bench.run_with(events, StopSignal::new()), canceller);
+    assert_eq!((summary.cancelled, summary.done), (2, 0));
+    assert!(matches!(one, Answer::Asked { .. }) && unknown && matches!(all, Answer::Asked { .. }));
+    assert!(std::fs::read_dir(bench.path().join("requests")).unwrap().next().is_none(), "requests are forgotten");
+
+    // Stays cancelled until a person wants it again.
+    assert_eq!(bench.run().await.1.len(), 0);
+    bench.script(|s| s.silent_on = None);
+    retry(bench.path(), &"P2".into()).await.unwrap();
+    let (summary, submitted) = bench.run().await;
+    assert_eq!((summary.cancelled, summary.done), (1, 1));
+    assert_eq!(submitted, ["cell-fit", "organ-beat"]);
+}
+
+#[tokio::test]
+async fn a_stop_leaves_what_is_silent_and_the_next_run_takes_it_up_free_of_charge() {
+    let bench = Bench::new(vec![personalised("P1", 8.0)]);
+    bench.script(|s| s.silent_on = Some("targets"));
+    for _ in 0..4 {
+        let stop = StopSignal::new();
+        let (events, mut told) = tokio::sync::mpsc::unbounded_channel();
+        let asker = stop.clone();
+        tokio::spawn(async move {
+            while let Some(event) = told.recv().await {
+                if matches!(&event, EngineEvent::TaskStarted { step, .. } if step == "targets") {
+                    asker.ask();
+                    asker.ask();
+                }
+            }
+        });
+        let (summary, _) = bench.run_with(events, stop).await;
+        assert_eq!((summary.unfinished, summary.stopped), (1, true));
+    }
+    bench.script(|s| s.silent_on = None);
+    assert_eq!(bench.run().await.0.done, 1);
+}
+
+#[tokio::test]
+async fn requests_that_make_no_sense_are_refused_with_the_reason() {
+    let bench = Bench::new(vec![personalised("P1", 8.0)]);
+    let nothing = cancel(bench.path(), None).await.unwrap_err().to_string();
+    assert!(nothing.contains("nothing was run here yet"), "{nothing}");
+    bench.run().await;
+    let ask = async |from, value| rerun(bench.path(), &"P1".into(), from, &layer(value)).await.unwrap_err().to_string();
+    let early = ask(Stage::Step2, json!({"step1": {"damping": 0.5}})).await;
+    assert!(early.contains("step1") && early.contains("before step-2"), "{early}");
+    let unknown = ask(Stage::Step1, json!({"step1": {"dampening": 0.5}})).await;
+    assert!(unknown.contains("dampening"), "{unknown}");
+    let senseless = ask(Stage::Step1, json!({"step1": {"damping": -1.0}})).await;
+    assert!(senseless.contains("damping"), "{senseless}");
+    let over = cancel(bench.path(), Some(&"P1".into())).await.unwrap_err().to_string();
+    assert!(over.contains("P1 is done"), "{over}");
+    assert!(bench.run().await.0.nothing_to_do(), "refused requests change nothing");
+}
+
+#[test]
+fn each_patient_has_its_own_stream_that_any_json_reader_keeps() {
+    let (a, b) = (workflow::stream(1, "01-CoA"), workflow::stream(1, "02-CoA"));
+    assert!(a != b && a != workflow::stream(2, "01-CoA"));
+    assert!(a < 1 << 53 && b < 1 << 53);
+}

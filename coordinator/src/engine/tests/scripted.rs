@@ -1,0 +1,220 @@
+//! An executor whose answers follow a formula, so that a test can say what fails and count what was asked.
+
+use std::collections::{HashMap, VecDeque};
+use std::path::Path;
+use std::sync::{Arc, Mutex};
+
+use cardiotwin_schemas::SCHEMA_VERSION;
+use cardiotwin_schemas::biomarkers::{Biomarkers, CellBiomarkers};
+use cardiotwin_schemas::failure::FailureClass;
+use cardiotwin_schemas::ids::{AttemptId, ExternalId};
+use cardiotwin_schemas::organ::{
+    ActivationSpec, CirculationSpec, ContractionSpec, OneFibrePassive, OrganSpec, Step1Parameters, WindkesselParameters,
+};
+use cardiotwin_schemas::outcome::{
+    Artefact, CellFitResult, Check, Ending, FittedParameter, OrganBeatResult, PassiveStateResult, TargetsResult,
+    TaskOutcome, TaskResult,
+};
+use cardiotwin_schemas::provenance::Provenance;
+use cardiotwin_schemas::task::TaskSpec;
+
+use crate::dispatch::{DispatchError, Evidence, Executor, Found, News, Order};
+
+/// What a test says and what it asks afterwards.
+#[derive(Debug, Default)]
+pub struct Script {
+    /// Simulations with a peak stress above this diverge.
+    pub diverges_above_kpa: Option<f64>,
+    /// So many attempts of any task are lost first.
+    pub lost_attempts: u32,
+    /// Kinds of the tasks that were submitted, in order.
+    pub submitted: Vec<&'static str>,
+    /// Never answers tasks of this kind.
+    pub silent_on: Option<&'static str>,
+}
+
+#[derive(Debug, Default)]
+pub struct Scripted {
+    script: Arc<Mutex<Script>>,
+    ended: VecDeque<News>,
+    running: HashMap<AttemptId, bool>,
+}
+
+impl Scripted {
+    pub fn new(script: &Arc<Mutex<Script>>) -> Self {
+        Self { script: Arc::clone(script), ..Self::default() }
+    }
+}
+
+/// The parameters that the measured biomarkers belong to.
+pub const TRUTH: [f64; 6] = [180.0, 25.0, 70.0, 420.0, 0.02, 0.02];
+
+/// Biomarkers that answer each parameter as in the heart, but less than in proportion: the fixed point has work to do.
+fn answer(p: [f64; 6]) -> Biomarkers {
+    let [smax, tau_sr, tau_sd, t_cr, r_av, r_mv] = p;
+    Biomarkers {
+        p_max_mmhg: Some(4.0 * smax.powf(0.7)),
+        dpdt_max_mmhg_per_ms: Some(30.0 / tau_sr.powf(0.8)),
+        dpdt_min_mmhg_per_ms: Some(-60.0 / tau_sd.powf(0.8)),
+        ptd90_ms: Some(2.0 * t_cr.powf(0.85)),
+        tau_vd_ms: Some(300.0 * r_av.powf(0.5)),
+        tau_vr_ms: Some(300.0 * r_mv.powf(0.5)),
+        sv_ml: Some(70.0),
+        edv_ml: Some(120.0),
+        ..Biomarkers::default()
+    }
+}
+
+fn cell() -> CellBiomarkers {
+    CellBiomarkers {
+        sa_max_kpa: 60.0,
+        dsadt_max_kpa_per_ms: 1.0,
+        std30_ms: 200.0,
+        std50_ms: 250.0,
+        std90_ms: 330.0,
+        lambda_min: 0.82,
+    }
+}
+
+fn passive_state(edp_mmhg: f64) -> TaskResult {
+    TaskResult::PassiveState(PassiveStateResult {
+        organ: OrganSpec::Reduced {
+            passive: OneFibrePassive {
+                wall_volume_ml: 120.0,
+                unloaded_volume_ml: 50.0,
+                end_diastolic_volume_ml: 120.0,
+                end_diastolic_pressure_mmhg: edp_mmhg,
+                stiffness_kpa: 0.5,
+                exponent: 9.0,
+            },
+            activation: ActivationSpec { spread_ms: 40.0, groups: 16, onset_ms: 5.0 },
+        },
+        circulation: CirculationSpec {
+            afterload: WindkesselParameters {
+                characteristic_resistance_mmhg_s_per_ml: 0.05,
+                peripheral_resistance_mmhg_s_per_ml: 1.0,
+                compliance_ml_per_mmhg: 1.5,
+            },
+            initial_windkessel_pressure_mmhg: 70.0,
+            left_atrial_pressure_mmhg: 6.0,
+            effects: vec![],
+        },
+        measured: answer(TRUTH),
+        time_points: Default::default(),
+        estimates: vec![],
+        diastasis_volume_error_ml: None,
+        remarks: vec![],
+    })
+}
+
+fn beat(biomarkers: Biomarkers) -> TaskResult {
+    TaskResult::OrganBeat(OrganBeatResult {
+        biomarkers,
+        time_points: Default::default(),
+        checks: vec![Check { name: "finite".into(), passed: true, found: "yes".into(), expected: "yes".into() }],
+        beats: 1,
+        periodic: false,
+        remarks: vec![],
+        lambda_min: 0.82,
+        counters: Default::default(),
+    })
+}
+
+impl Script {
+    fn ending(&self, task: &TaskSpec) -> Ending {
+        let result = match task {
+            TaskSpec::PassiveState(spec) => passive_state(spec.end_diastolic_pressure_mmhg.unwrap_or(8.0)),
+            TaskSpec::OrganBeat(spec) => match &spec.contraction {
+                ContractionSpec::Tanh { parameters } => {
+                    if self.diverges_above_kpa.is_some_and(|limit| parameters.smax_ref_kpa > limit) {
+                        return Ending::Diverged { last_good_ms: 212.0, reason: "Newton did not converge".into() };
+                    }
+                    beat(answer(Step1Parameters { tanh: *parameters, valves: spec.valves }.updated()))
+                }
+                ContractionSpec::Land2017Rice { .. } => beat(answer(TRUTH.map(|p| p * 1.01))),
+            },
+            TaskSpec::Targets(_) => TaskResult::Targets(TargetsResult { lambda_0: 1.0, targets: cell(), n_nodes: 16 }),
+            TaskSpec::CellFit(spec) => TaskResult::CellFit(CellFitResult {
+                parameters: vec![
+                    FittedParameter { name: "n_Tm".into(), value: 5.0, lower: 3.0, upper: 7.0, at_bound: false },
+                    FittedParameter { name: "a_p_kPa".into(), value: 43.0, lower: 1.0, upper: 100.0, at_bound: false },
+                ],
+                reached: cell(),
+                targets: spec.targets,
+                cost: 0.02,
+                cost_terms: Default::default(),
+                evaluations: 150,
+                generations: 1,
+                converged: true,
+                unreachable_targets: vec![],
+            }),
+            TaskSpec::Noop(_) => TaskResult::Noop,
+        };
+        Ending::Succeeded { result: Box::new(result) }
+    }
+}
+
+impl Executor for Scripted {
+    fn kind(&self) -> &'static str {
+        "scripted"
+    }
+
+    fn free(&self) -> usize {
+        2usize.saturating_sub(self.running.len())
+    }
+
+    async fn submit(&mut self, order: Order) -> Result<ExternalId, DispatchError> {
+        let attempt = order.spec.attempt.clone();
+        let mut script = self.script.lock().unwrap();
+        script.submitted.push(order.spec.task.kind());
+        self.running.insert(attempt.clone(), true);
+        if script.silent_on == Some(order.spec.task.kind()) {
+            return Ok(ExternalId::from("1"));
+        }
+        let evidence = if script.lost_attempts > 0 {
+            script.lost_attempts -= 1;
+            Evidence::Nothing { class: FailureClass::Site, reason: "the worker was killed by signal 9".into() }
+        } else {
+            let nodal =
+                Artefact { name: "nodal".into(), file: "nodal.csv".into(), sha256: attempt.task.to_string(), bytes: 1 };
+            let outcome = TaskOutcome {
+                schema_version: SCHEMA_VERSION,
+                attempt: attempt.clone(),
+                ending: script.ending(&order.spec.task),
+                artefacts: vec![nodal],
+                provenance: Provenance::default(),
+            };
+            let text = serde_json::to_string(&outcome).unwrap();
+            Evidence::Outcome { outcome: Box::new(outcome), text }
+        };
+        self.ended.push_back(News::Ended { attempt, evidence, claim: None });
+        Ok(ExternalId::from("1"))
+    }
+
+    fn adopt(&mut self, _: &AttemptId, _: &Path) -> Result<Found, DispatchError> {
+        Ok(Found::Unclaimed)
+    }
+
+    fn stop(&mut self, attempt: &AttemptId, _: &Path, _: bool) -> Result<bool, DispatchError> {
+        if self.running.contains_key(attempt) {
+            let reason = "the worker was killed by signal 15".into();
+            let evidence = Evidence::Nothing { class: FailureClass::Site, reason };
+            self.ended.push_back(News::Ended { attempt: attempt.clone(), evidence, claim: None });
+            return Ok(true);
+        }
+        Ok(false)
+    }
+
+    async fn news(&mut self) -> Vec<News> {
+        if self.ended.is_empty() {
+            std::future::pending::<()>().await;
+        }
+        let news: Vec<News> = self.ended.drain(..).collect();
+        for item in &news {
+            if let News::Ended { attempt, .. } = item {
+                self.running.remove(attempt);
+            }
+        }
+        news
+    }
+}

@@ -1,0 +1,377 @@
+//! What follows from a plan and the outcomes so far: the next task, or how the chain ended. Pure.
+//!
+//! Nothing is remembered from one decision to the next: the whole chain is derived anew, each task found by its key.
+//! A changed input or setting leads to another key and so to another task, from there on and nowhere before; a resumed
+//! run is the same derivation.
+
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+
+use cardiotwin_calibrate::fixed_point;
+use cardiotwin_schemas::biomarkers::Biomarkers;
+use cardiotwin_schemas::failure::{Failure, FailureClass};
+use cardiotwin_schemas::hash::sha256_hex;
+use cardiotwin_schemas::ids::TaskKey;
+use cardiotwin_schemas::organ::{BeatCount, CirculationSpec, ContractionSpec, Step1Parameters, ValveParameters};
+use cardiotwin_schemas::outcome::{Artefact, CellFitResult, PassiveStateResult, TargetsResult, TaskResult};
+use cardiotwin_schemas::plan::{ResolvedPatient, Workflow};
+use cardiotwin_schemas::record::{StallReason, Step1Quality, Step1Summary};
+use cardiotwin_schemas::task::{CellFitSpec, InputFile, NoopSpec, OrganBeatSpec, TargetsSpec, TaskSpec};
+
+use super::step1;
+use crate::machine::chain::{Chain, ChainIteration};
+use crate::machine::patient::{Stage, Step};
+
+/// A settled task, as the chain sees it.
+#[derive(Debug, Clone)]
+pub enum Settled<'a> {
+    /// Its result stands.
+    Published {
+        /// What was computed.
+        result: &'a TaskResult,
+        /// Its files.
+        artefacts: &'a [Artefact],
+        /// Where they lie, absolute.
+        directory: PathBuf,
+    },
+    /// It failed for good.
+    Failed(&'a Failure),
+}
+
+/// What follows.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Next {
+    /// This task is wanted.
+    Run {
+        /// Where in the chain.
+        step: Step,
+        /// The task.
+        key: TaskKey,
+        /// Its specification.
+        spec: Box<TaskSpec>,
+    },
+    /// Nothing is left to do.
+    Finished,
+    /// The chain cannot go on.
+    Failed {
+        /// Where.
+        step: Step,
+        /// Why.
+        failure: Failure,
+    },
+}
+
+/// The chain so far and what follows.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Evaluation {
+    /// Settled tasks.
+    pub chain: Chain,
+    /// What follows.
+    pub next: Next,
+}
+
+/// Derives a patient's chain.
+///
+/// - `carried`: step 1's parameters that were simulated under earlier settings, oldest first
+/// - `settled`: finds a settled task by its key
+#[must_use]
+pub fn evaluate<'a>(
+    plan: &ResolvedPatient,
+    carried: &[Step1Parameters],
+    settled: &dyn Fn(&TaskKey) -> Option<Settled<'a>>,
+) -> Evaluation {
+    let mut derivation = Derivation { plan, carried, settled, chain: Chain::default() };
+    let next = match plan.workflow {
+        Workflow::Personalise => derivation.personalise(),
+        Workflow::Noop { sleep_ms } => derivation.noops(sleep_ms),
+    };
+    Evaluation { next: next.err().unwrap_or(Next::Finished), chain: derivation.chain }
+}
+
+struct Derivation<'a, 'b> {
+    plan: &'b ResolvedPatient,
+    carried: &'b [Step1Parameters],
+    settled: &'b dyn Fn(&TaskKey) -> Option<Settled<'a>>,
+    chain: Chain,
+}
+
+/// A result in the chain.
+struct Published<'a> {
+    key: TaskKey,
+    result: &'a TaskResult,
+    artefacts: &'a [Artefact],
+    directory: PathBuf,
+}
+
+/// Ends the derivation early: with what is wanted, or with what holds it.
+type Derived<T> = Result<T, Next>;
+
+fn broken(step: Step, class: FailureClass, message: String) -> Next {
+    Next::Failed { step, failure: Failure::new(class, message) }
+}
+
+impl<'a> Derivation<'a, '_> {
+    fn noops(&mut self, sleep_ms: u64) -> Derived<()> {
+        for number in 1..=3 {
+            let label = format!("{}/{number}", self.plan.id);
+            let spec = TaskSpec::Noop(NoopSpec { label, sleep_ms });
+            let done = self.result(Step { stage: Stage::Noop, number }, spec)?;
+            self.chain.noops.push(done.key);
+        }
+        Ok(())
+    }
+
+    fn personalise(&mut self) -> Derived<()> {
+        let step0 = self.step0()?;
+        let (best, summary) = self.step1(step0)?;
+        let parameters = summary.parameters;
+        self.chain.step1 = Some(summary);
+        let targets = self.targets(&best)?;
+        let fit = self.step2(targets)?;
+        if self.plan.settings.verification.enabled {
+            self.verification(step0, fit, parameters.valves)?;
+        }
+        Ok(())
+    }
+
+    /// The result of a task, if it is published; else the derivation ends here.
+    fn result(&self, step: Step, spec: TaskSpec) -> Derived<Published<'a>> {
+        let key = spec.key();
+        match (self.settled)(&key) {
+            Some(Settled::Published { result, artefacts, directory }) => {
+                Ok(Published { key, result, artefacts, directory })
+            }
+            Some(Settled::Failed(failure)) => Err(Next::Failed { step, failure: failure.clone() }),
+            None => Err(Next::Run { step, key, spec: Box::new(spec) }),
+        }
+    }
+
+    fn step0(&mut self) -> Derived<&'a PassiveStateResult> {
+        let solver = &self.plan.settings.solver;
+        let mut spec = self.plan.step0.clone();
+        // Settings win: a rerun may have changed them after the inputs were read.
+        spec.start = solver.start;
+        spec.activation = solver.activation;
+        let step = Step::only(Stage::Step0);
+        let done = self.result(step, TaskSpec::PassiveState(Box::new(spec)))?;
+        let TaskResult::PassiveState(result) = done.result else { return Err(wrong_kind(step, done.result)) };
+        self.chain.step0 = Some(done.key);
+        Ok(result)
+    }
+
+    fn beat(&self, step0: &PassiveStateResult, contraction: ContractionSpec, valves: ValveParameters) -> TaskSpec {
+        let solver = &self.plan.settings.solver;
+        let mut effects = step0.circulation.effects.clone();
+        effects.extend(self.plan.effects.iter().cloned());
+        TaskSpec::OrganBeat(Box::new(OrganBeatSpec {
+            cycle_length_ms: self.plan.step0.cycle_length_ms,
+            time_step_ms: solver.time_step_ms,
+            shortest_step_ms: solver.shortest_step_ms,
+            newton_iterations: solver.newton_iterations,
+            organ: step0.organ.clone(),
+            circulation: CirculationSpec { effects, ..step0.circulation.clone() },
+            valves,
+            contraction,
+            beats: BeatCount::Fixed { n: solver.beats },
+            measured_end_diastolic_volume_ml: step0.measured.edv_ml,
+        }))
+    }
+
+    fn step1_beat(&self, step0: &PassiveStateResult, parameters: &Step1Parameters) -> TaskSpec {
+        self.beat(step0, ContractionSpec::Tanh { parameters: parameters.tanh }, parameters.valves)
+    }
+
+    fn step1(&mut self, step0: &'a PassiveStateResult) -> Derived<(Published<'a>, Step1Summary)> {
+        let settings = &self.plan.settings.step1;
+        let measured = step1::biomarkers(&step0.measured);
+        let start = Step1Parameters { tanh: settings.initial, valves: settings.valves };
+        let invalid = |number, message| broken(Step { stage: Stage::Step1, number }, FailureClass::Input, message);
+        let fixed_settings = step1::settings(settings).map_err(|message| invalid(1, message))?;
+        let mut history = fixed_point::History::new(step1::parameters(&start));
+        let mut runs: Vec<Result<Published<'a>, Failure>> = Vec::new();
+        for parameters in self.carried {
+            // Kept only as far as the same organ would be simulated again.
+            let parameters = start.with_updated(parameters.updated());
+            let spec = self.step1_beat(step0, &parameters);
+            if let Ok(run) = self.iteration(runs.len() as u32 + 1, spec, &parameters, &measured, &mut history)? {
+                runs.push(run);
+            }
+        }
+        history.resumed_at = history.iterations.len();
+        loop {
+            let number = runs.len() as u32 + 1;
+            let decision = fixed_point::decide(&fixed_settings, &measured, &history)
+                .map_err(|error| invalid(number, error.to_string()))?;
+            match decision {
+                fixed_point::Decision::Next { parameters, .. } => {
+                    let parameters = start.with_updated(step1::values(&parameters));
+                    let spec = self.step1_beat(step0, &parameters);
+                    let run = self.iteration(number, spec, &parameters, &measured, &mut history)?;
+                    runs.push(run.map_err(|wanted| *wanted)?);
+                }
+                fixed_point::Decision::Ended { quality, because, best } => {
+                    return self.step1_ended(runs, quality, because, best, settings.tolerance);
+                }
+            }
+        }
+    }
+
+    /// One simulation of step 1: told to the history when it is settled, else handed back as wanted.
+    fn iteration(
+        &mut self,
+        number: u32,
+        spec: TaskSpec,
+        parameters: &Step1Parameters,
+        measured: &fixed_point::Biomarkers,
+        history: &mut fixed_point::History,
+    ) -> Derived<Result<Result<Published<'a>, Failure>, Box<Next>>> {
+        let step = Step { stage: Stage::Step1, number };
+        let key = spec.key();
+        let fixed_parameters = step1::parameters(parameters);
+        let mut iteration = ChainIteration {
+            parameters: *parameters,
+            task: key.clone(),
+            cost: None,
+            relative_differences: BTreeMap::new(),
+        };
+        let run = match (self.settled)(&key) {
+            None => return Ok(Err(Box::new(Next::Run { step, key, spec: Box::new(spec) }))),
+            Some(Settled::Published { result, artefacts, directory }) => {
+                let TaskResult::OrganBeat(beat) = result else { return Err(wrong_kind(step, result)) };
+                let simulated = step1::biomarkers(&beat.biomarkers);
+                let cost = fixed_point::Cost::of(measured, &simulated);
+                iteration.cost = Some(cost.total);
+                iteration.relative_differences = step1::relative_differences(&cost);
+                history.push(fixed_parameters, fixed_point::Outcome::Simulated(simulated));
+                Ok(Published { key, result, artefacts, directory })
+            }
+            // A failed simulation is an answer of the model; any other failure holds the patient.
+            Some(Settled::Failed(failure)) if failure.class == FailureClass::Numerics => {
+                history.push(fixed_parameters, fixed_point::Outcome::Failed);
+                Err(failure.clone())
+            }
+            Some(Settled::Failed(failure)) => return Err(Next::Failed { step, failure: failure.clone() }),
+        };
+        self.chain.iterations.push(iteration);
+        Ok(Ok(run))
+    }
+
+    fn step1_ended(
+        &self,
+        mut runs: Vec<Result<Published<'a>, Failure>>,
+        quality: fixed_point::Quality,
+        because: fixed_point::Ending,
+        best: Option<usize>,
+        tolerance: f64,
+    ) -> Derived<(Published<'a>, Step1Summary)> {
+        let last = Step { stage: Stage::Step1, number: runs.len().max(1) as u32 };
+        let Some(best) = best else {
+            let why = runs.iter().rev().find_map(|run| run.as_ref().err());
+            let why = why.map_or_else(|| "none lies within the bounds".to_owned(), |f| f.message.clone());
+            let failure = Failure {
+                class: FailureClass::Numerics,
+                message: format!("no simulation of step 1 succeeded: {why}"),
+                remedy: Some("rerun from step1 with other initial values or bounds".into()),
+            };
+            return Err(Next::Failed { step: last, failure });
+        };
+        let iterations = &self.chain.iterations;
+        let summary = Step1Summary {
+            quality: match quality {
+                fixed_point::Quality::Converged => Step1Quality::Converged,
+                fixed_point::Quality::FailedAt(_) => Step1Quality::Stalled { reason: StallReason::SimulationFailed },
+                fixed_point::Quality::LimitReached => Step1Quality::Stalled { reason: StallReason::IterationLimit },
+                fixed_point::Quality::Stalled if because == fixed_point::Ending::Failure => {
+                    Step1Quality::Stalled { reason: StallReason::SimulationFailed }
+                }
+                fixed_point::Quality::Stalled => Step1Quality::Stalled { reason: StallReason::Stagnation },
+            },
+            best_iteration: best as u32 + 1,
+            cost: iterations[best].cost.unwrap_or(f64::INFINITY),
+            first_converged: iterations
+                .iter()
+                .zip(1..)
+                .find(|(i, _)| i.cost.is_some_and(|c| c <= tolerance))
+                .map(|x| x.1),
+            parameters: iterations[best].parameters,
+        };
+        match runs.swap_remove(best) {
+            Ok(run) => Ok((run, summary)),
+            Err(failure) => Err(Next::Failed { step: last, failure }),
+        }
+    }
+
+    fn targets(&mut self, best: &Published<'a>) -> Derived<&'a TargetsResult> {
+        let step = Step::only(Stage::Targets);
+        let Some(nodal) = best.artefacts.iter().find(|a| a.name == "nodal") else {
+            return Err(broken(step, FailureClass::Bug, format!("simulation {} left no nodal traces", best.key)));
+        };
+        let path = best.directory.join(&nodal.file);
+        let nodal = InputFile { name: "nodal".into(), path, sha256: nodal.sha256.clone() };
+        let done = self.result(step, TaskSpec::Targets(TargetsSpec { nodal }))?;
+        let TaskResult::Targets(result) = done.result else { return Err(wrong_kind(step, done.result)) };
+        self.chain.targets = Some(done.key);
+        Ok(result)
+    }
+
+    fn step2(&mut self, targets: &TargetsResult) -> Derived<&'a CellFitResult> {
+        let step = Step::only(Stage::Step2);
+        let settings = self.plan.settings.step2.clone();
+        let done = self.result(
+            step,
+            TaskSpec::CellFit(Box::new(CellFitSpec {
+                cycle_length_ms: self.plan.step0.cycle_length_ms,
+                lambda_0: targets.lambda_0,
+                targets: targets.targets,
+                seed: stream(settings.seed, self.plan.id.as_str()),
+                fixed: settings.frozen.clone(),
+                settings,
+            })),
+        )?;
+        let TaskResult::CellFit(result) = done.result else { return Err(wrong_kind(step, done.result)) };
+        self.chain.cell_fit = Some(done.key);
+        self.chain.step2_cost = Some(result.cost);
+        Ok(result)
+    }
+
+    fn verification(
+        &mut self,
+        step0: &PassiveStateResult,
+        fit: &CellFitResult,
+        valves: ValveParameters,
+    ) -> Derived<()> {
+        let step = Step::only(Stage::Verification);
+        let parameters = cell_parameters(self.plan, fit);
+        let done = self.result(step, self.beat(step0, ContractionSpec::Land2017Rice { parameters }, valves))?;
+        let TaskResult::OrganBeat(beat) = done.result else { return Err(wrong_kind(step, done.result)) };
+        self.chain.verification_cost = Some(step1_cost(&step0.measured, &beat.biomarkers));
+        self.chain.verification = Some(done.key);
+        Ok(())
+    }
+}
+
+fn wrong_kind(step: Step, result: &TaskResult) -> Next {
+    broken(step, FailureClass::Bug, format!("the result found for {step} is of another kind: {result:.80?}"))
+}
+
+/// Cost of simulated biomarkers by step 1's formula.
+fn step1_cost(measured: &Biomarkers, simulated: &Biomarkers) -> f64 {
+    fixed_point::Cost::of(&step1::biomarkers(measured), &step1::biomarkers(simulated)).total
+}
+
+/// The fitted cell in the organ: frozen values and fitted ones, without `a_p`, which is the 0D cell's passive stress;
+/// the organ has its own.
+#[must_use]
+pub fn cell_parameters(plan: &ResolvedPatient, fit: &CellFitResult) -> BTreeMap<String, f64> {
+    let mut parameters = plan.settings.step2.frozen.clone();
+    parameters.extend(fit.parameters.iter().map(|p| (p.name.clone(), p.value)));
+    parameters.remove("a_p_kPa");
+    parameters
+}
+
+/// A patient's own stream of random numbers: 53 bits, so that every reader of JSON gets the same number.
+#[must_use]
+pub fn stream(seed: u64, patient: &str) -> u64 {
+    let digest = sha256_hex(format!("{seed}/{patient}").as_bytes());
+    u64::from_str_radix(&digest[..16], 16).expect("a digest is hexadecimal") >> 11
+}

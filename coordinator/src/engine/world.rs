@@ -1,0 +1,421 @@
+//! What the store holds, mirrored in memory, and the one way to change it: feed an event to a machine, which logs the
+//! event, marks the row and puts the machine's actions in the outbox. [`World::flush`] makes a batch of all that.
+
+use std::collections::{BTreeSet, HashMap, HashSet};
+use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
+
+use cardiotwin_schemas::ids::{AttemptId, TaskKey};
+use cardiotwin_schemas::outcome::{Ending, TaskOutcome};
+use cardiotwin_schemas::plan::ResolvedPatient;
+use cardiotwin_schemas::progress::Claim;
+use cardiotwin_schemas::task::TaskSpec;
+use serde::Serialize;
+
+use super::EngineError;
+pub use super::entries::AttemptEntry;
+use super::entries::{PatientEntry, TaskEntry};
+use super::workflow::Settled;
+use crate::machine::chain::Chain;
+use crate::machine::job::{Attempt, AttemptAction, AttemptEvent};
+use crate::machine::patient::{Patient, PatientAction, PatientEvent, Step};
+use crate::machine::task::{Task, TaskEvent};
+use crate::store::events::NewEvent;
+use crate::store::outbox::{Action, NewAction};
+use crate::store::patients::{ChainRow, PatientRow, PlanRow};
+use crate::store::steps::StepRow;
+use crate::store::{Batch, Loaded};
+
+/// All of it.
+#[derive(Debug)]
+pub struct World {
+    pub run_dir: PathBuf,
+    pub patients: Vec<PatientEntry>,
+    pub by_name: HashMap<String, usize>,
+    pub tasks: HashMap<TaskKey, TaskEntry>,
+    pub attempts: HashMap<AttemptId, AttemptEntry>,
+    /// Open tasks that somebody waits for, by place in the cohort: the first patients finish first.
+    pub ready: BTreeSet<(i64, TaskKey)>,
+    /// Actions of committed batches that are still to be done, oldest first.
+    pub outbox: Vec<(i64, Action)>,
+    pub allocation: i64,
+    pub now_ms: i64,
+    fresh_actions: Vec<Action>,
+    next_action: i64,
+    next_patient: i64,
+    dirty_patients: BTreeSet<usize>,
+    dirty_tasks: HashSet<TaskKey>,
+    dirty_attempts: HashSet<AttemptId>,
+    batch: Batch,
+}
+
+/// Where an attempt's files lie, relative to the run directory.
+fn attempt_directory(attempt: &AttemptId) -> String {
+    let key = attempt.task.as_str();
+    format!("attempts/{}/{}-g{}", &key[..2], &key[..16], attempt.generation)
+}
+
+impl World {
+    /// From what the store holds.
+    pub fn new(run_dir: &Path, loaded: Loaded, now_ms: i64) -> Result<Self, EngineError> {
+        let mut steps = loaded.steps;
+        let mut patients = Vec::with_capacity(loaded.patients.len());
+        for (row, plan_row, chain) in loaded.patients {
+            let carried = serde_json::from_str(&plan_row.carried)
+                .map_err(|source| EngineError::Plan { patient: row.patient.clone(), source })?;
+            let steps = steps.remove(&row.id).unwrap_or_default();
+            patients.push(PatientEntry {
+                row,
+                plan_row,
+                plan: OnceLock::new(),
+                carried,
+                chain,
+                steps,
+                selected: false,
+                stored: true,
+                chain_changed: false,
+                plan_changed: false,
+            });
+        }
+        let tasks = loaded.tasks.into_iter().map(|row| {
+            let entry = TaskEntry {
+                state: row.state,
+                kind: row.kind,
+                spec: row.spec,
+                version: row.version,
+                outcome_text: row.outcome,
+                outcome: OnceLock::new(),
+                waiters: Vec::new(),
+                stored: true,
+                outcome_changed: false,
+            };
+            (TaskKey(row.key), entry)
+        });
+        let attempts = loaded.attempts.into_iter().map(|row| {
+            let entry = AttemptEntry {
+                state: row.state,
+                directory: row.directory,
+                version: row.version,
+                stored: true,
+                external_id: None,
+                claim: None,
+                planned_ms: 0,
+                ended_ms: None,
+            };
+            (AttemptId { task: TaskKey(row.task), generation: row.generation }, entry)
+        });
+        Ok(Self {
+            run_dir: run_dir.to_owned(),
+            by_name: patients.iter().enumerate().map(|(i, p)| (p.row.patient.clone(), i)).collect(),
+            next_patient: patients.iter().map(|p| p.row.id).max().unwrap_or(0) + 1,
+            next_action: loaded.outbox.iter().map(|(id, _)| *id).max().unwrap_or(0) + 1,
+            outbox: loaded.outbox,
+            tasks: tasks.collect(),
+            attempts: attempts.collect(),
+            patients,
+            ready: BTreeSet::new(),
+            allocation: 0,
+            now_ms,
+            fresh_actions: Vec::new(),
+            dirty_patients: BTreeSet::new(),
+            dirty_tasks: HashSet::new(),
+            dirty_attempts: HashSet::new(),
+            batch: Batch::default(),
+        })
+    }
+
+    /// A patient's plan.
+    pub fn plan(&self, i: usize) -> Result<&ResolvedPatient, EngineError> {
+        let patient = &self.patients[i];
+        if let Some(plan) = patient.plan.get() {
+            return Ok(plan);
+        }
+        let row = &patient.plan_row;
+        let plan = serde_json::from_str(row.plan.as_ref().unwrap_or(&row.given))
+            .map_err(|source| EngineError::Plan { patient: patient.row.patient.clone(), source })?;
+        Ok(patient.plan.get_or_init(|| plan))
+    }
+
+    /// Replaces a patient's plan; what is in `plan_row` must say the same.
+    pub fn set_plan(&mut self, i: usize, plan: ResolvedPatient) {
+        let patient = &mut self.patients[i];
+        patient.plan = OnceLock::from(plan);
+        patient.plan_changed = true;
+        self.dirty_patients.insert(i);
+    }
+
+    /// A patient that the store does not know.
+    pub fn add_patient(&mut self, name: &str, position: i64, plan_row: PlanRow, plan: ResolvedPatient) -> usize {
+        let id = self.next_patient;
+        self.next_patient += 1;
+        let i = self.patients.len();
+        self.by_name.insert(name.to_owned(), i);
+        self.patients.push(PatientEntry {
+            row: PatientRow {
+                id,
+                patient: name.to_owned(),
+                position,
+                active: true,
+                version: 1,
+                state: Patient::Waiting,
+                shown: Default::default(),
+                since_ms: self.now_ms,
+            },
+            plan_row: PlanRow { patient_id: id, ..plan_row },
+            plan: OnceLock::from(plan),
+            carried: Vec::new(),
+            chain: Chain::default(),
+            steps: HashMap::new(),
+            selected: false,
+            stored: false,
+            chain_changed: false,
+            plan_changed: true,
+        });
+        self.dirty_patients.insert(i);
+        i
+    }
+
+    /// A task, made if the store does not know it.
+    pub fn add_task(&mut self, key: &TaskKey, spec: &TaskSpec) {
+        if self.tasks.contains_key(key) {
+            return;
+        }
+        let entry = TaskEntry {
+            state: Task::default(),
+            kind: spec.kind().to_owned(),
+            spec: serde_json::to_string(spec).expect("a task's spec is JSON"),
+            version: 1,
+            outcome_text: None,
+            outcome: OnceLock::new(),
+            waiters: Vec::new(),
+            stored: false,
+            outcome_changed: false,
+        };
+        self.tasks.insert(key.clone(), entry);
+        self.dirty_tasks.insert(key.clone());
+    }
+
+    /// A step of a patient's chain is this task (now).
+    pub fn link(&mut self, i: usize, step: Step, key: &TaskKey) {
+        let patient = &mut self.patients[i];
+        if patient.steps.get(&step) == Some(key) {
+            return;
+        }
+        patient.steps.insert(step, key.clone());
+        let (patient_id, at_ms) = (patient.row.id, self.now_ms);
+        let row = StepRow { patient_id, stage: step.stage, number: step.number, task: key.as_str(), at_ms };
+        self.batch.append_step(&row);
+    }
+
+    /// A settled task as the chain sees it.
+    pub fn settled(&self, key: &TaskKey) -> Option<Settled<'_>> {
+        let task = self.tasks.get(key)?;
+        match &task.state {
+            Task::Published { generation } => {
+                let outcome = task.outcome()?;
+                let Ending::Succeeded { result } = &outcome.ending else { return None };
+                let attempt = AttemptId { task: key.clone(), generation: *generation };
+                let directory = self.run_dir.join(attempt_directory(&attempt));
+                Some(Settled::Published { result, artefacts: &outcome.artefacts, directory })
+            }
+            Task::Failed { failure, .. } => Some(Settled::Failed(failure)),
+            Task::Open { .. } | Task::Attempting { .. } => None,
+        }
+    }
+
+    /// A patient at work waits for its task: known to the store through the patient's state alone.
+    pub fn await_present_task(&mut self, i: usize) {
+        let Patient::Working { task, .. } = &self.patients[i].row.state else { return };
+        if let Some(task) = self.tasks.get_mut(task)
+            && !task.waiters.contains(&i)
+        {
+            task.waiters.push(i);
+        }
+    }
+
+    /// Absolute directory of an attempt.
+    pub fn directory(&self, attempt: &AttemptId) -> PathBuf {
+        self.run_dir.join(attempt_directory(attempt))
+    }
+
+    /// Feeds a patient's machine.
+    pub fn patient_event(&mut self, i: usize, event: PatientEvent) -> Result<(), EngineError> {
+        let patient = &mut self.patients[i].row;
+        let (state, actions) = patient.state.clone().on(event.clone())?;
+        if state == patient.state && actions.is_empty() {
+            return Ok(()); // an observation that changed nothing
+        }
+        patient.state = state;
+        let id = patient.id;
+        self.log("patient", Some(id), None, &event);
+        self.dirty_patients.insert(i);
+        for PatientAction::Release(task) in actions {
+            self.release(i, &task)?;
+        }
+        Ok(())
+    }
+
+    /// A patient does not wait any more; a task that nobody waits for is not worth an attempt.
+    fn release(&mut self, i: usize, key: &TaskKey) -> Result<(), EngineError> {
+        let position = self.patients[i].row.position;
+        self.ready.remove(&(position, key.clone()));
+        let Some(task) = self.tasks.get_mut(key) else { return Ok(()) };
+        task.waiters.retain(|waiter| *waiter != i);
+        if !task.waiters.is_empty() {
+            return Ok(());
+        }
+        if let Task::Attempting { generation, .. } = task.state {
+            let attempt = AttemptId { task: key.clone(), generation };
+            if self.attempts.get(&attempt).is_some_and(|a| !a.state.is_final()) {
+                self.attempt_event(&attempt, AttemptEvent::Cancel)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Feeds a task's machine.
+    pub fn task_event(&mut self, key: &TaskKey, event: TaskEvent) -> Result<(), EngineError> {
+        let Some(task) = self.tasks.get_mut(key) else { return Ok(()) };
+        let state = task.state.clone().on(event.clone())?;
+        if state == task.state {
+            return Ok(());
+        }
+        task.state = state;
+        self.log("task", None, Some((key, None)), &event);
+        self.dirty_tasks.insert(key.clone());
+        Ok(())
+    }
+
+    /// Keeps what an attempt left for its task.
+    pub fn keep_outcome(&mut self, key: &TaskKey, outcome: TaskOutcome, text: String) {
+        if let Some(task) = self.tasks.get_mut(key) {
+            task.outcome_text = Some(text);
+            task.outcome = OnceLock::from(Some(outcome));
+            task.outcome_changed = true;
+            self.dirty_tasks.insert(key.clone());
+        }
+    }
+
+    /// Feeds an attempt's machine.
+    pub fn attempt_event(&mut self, id: &AttemptId, event: AttemptEvent) -> Result<(), EngineError> {
+        let Some(attempt) = self.attempts.get_mut(id) else { return Ok(()) };
+        let (state, actions) = attempt.state.clone().on(event.clone())?;
+        if state == attempt.state && actions.is_empty() {
+            return Ok(());
+        }
+        if let Attempt::Running { id } = &state {
+            attempt.external_id = Some(id.clone());
+        }
+        if state.is_final() && !attempt.state.is_final() {
+            attempt.ended_ms = Some(self.now_ms);
+        }
+        attempt.state = state;
+        self.log("attempt", None, Some((&id.task, Some(id.generation))), &event);
+        self.dirty_attempts.insert(id.clone());
+        for action in actions {
+            let attempt = id.clone();
+            self.fresh_actions.push(match action {
+                AttemptAction::Submit => Action::Submit { attempt },
+                AttemptAction::Stop => Action::Stop { attempt },
+            });
+        }
+        // What `status` shows of those who wait depends on the attempt.
+        if let Some(task) = self.tasks.get(&id.task) {
+            self.dirty_patients.extend(task.waiters.iter().copied());
+        }
+        Ok(())
+    }
+
+    /// Begins the next attempt at a task.
+    pub fn begin(&mut self, key: &TaskKey) -> Result<AttemptId, EngineError> {
+        self.task_event(key, TaskEvent::Start)?;
+        let generation = self.tasks[key].state.generation();
+        let id = AttemptId { task: key.clone(), generation };
+        let entry = AttemptEntry {
+            state: Attempt::Planned,
+            directory: attempt_directory(&id),
+            version: 1,
+            stored: false,
+            external_id: None,
+            claim: None,
+            planned_ms: self.now_ms,
+            ended_ms: None,
+        };
+        self.attempts.insert(id.clone(), entry);
+        self.attempt_event(&id, AttemptEvent::Approve)?;
+        Ok(id)
+    }
+
+    /// Remembers who claimed an attempt.
+    pub fn claimed(&mut self, id: &AttemptId, claim: Claim) {
+        if let Some(attempt) = self.attempts.get_mut(id) {
+            attempt.claim = Some(claim);
+            self.dirty_attempts.insert(id.clone());
+        }
+    }
+
+    /// Puts an action in the outbox of the next commit.
+    pub fn put_action(&mut self, action: Action) {
+        self.fresh_actions.push(action);
+    }
+
+    /// Marks an action as done in the next commit.
+    pub fn action_done(&mut self, id: i64) {
+        self.batch.actions_done([id]);
+    }
+
+    /// Marks a patient's row for the next commit.
+    pub fn touch(&mut self, i: usize) {
+        self.dirty_patients.insert(i);
+    }
+
+    fn log<E: Serialize>(
+        &mut self,
+        machine: &'static str,
+        patient_id: Option<i64>,
+        task: Option<(&TaskKey, Option<u32>)>,
+        event: &E,
+    ) {
+        let event = serde_json::to_value(event).expect("events are JSON");
+        let (task, generation) = task.map_or((None, None), |(key, generation)| (Some(key.as_str()), generation));
+        self.batch.append_event(&NewEvent { at_ms: self.now_ms, machine, patient_id, task, generation, event: &event });
+    }
+
+    /// Everything that changed since the last flush, as one batch; the mirror takes it for committed.
+    pub fn flush(&mut self) -> Batch {
+        for i in std::mem::take(&mut self.dirty_patients) {
+            self.show(i);
+            let patient = &mut self.patients[i];
+            if patient.stored {
+                self.batch.update_patient(&patient.row);
+                patient.row.version += 1;
+            } else {
+                self.batch.insert_patient(&patient.row);
+                patient.stored = true;
+            }
+            if std::mem::take(&mut patient.plan_changed) {
+                self.batch.put_plan(&patient.plan_row);
+            }
+            if std::mem::take(&mut patient.chain_changed) {
+                self.batch.update_chain(&ChainRow { patient_id: patient.row.id, chain: &patient.chain });
+            }
+        }
+        for key in std::mem::take(&mut self.dirty_tasks) {
+            let Some(task) = self.tasks.get_mut(&key) else { continue };
+            task.flush(key.as_str(), &mut self.batch);
+        }
+        for id in std::mem::take(&mut self.dirty_attempts) {
+            let Some(attempt) = self.attempts.get_mut(&id) else { continue };
+            attempt.flush(&id, self.allocation, &mut self.batch);
+            if attempt.state.is_final() {
+                self.attempts.remove(&id);
+            }
+        }
+        for action in std::mem::take(&mut self.fresh_actions) {
+            self.batch.put_action(&NewAction { id: self.next_action, at_ms: self.now_ms, action: &action });
+            self.outbox.push((self.next_action, action));
+            self.next_action += 1;
+        }
+        std::mem::take(&mut self.batch)
+    }
+}

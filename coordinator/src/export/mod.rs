@@ -1,0 +1,66 @@
+//! Tables and traces of a run for other programs: the paper's Tables 1, 2, A6 and A7 for this cohort as CSV and JSON,
+//! and all traces as one tidy CSV. Touches neither store nor network. Columns are named as in `docs/formats.md`.
+
+mod paper;
+mod table;
+mod traces;
+
+use std::io;
+use std::path::{Path, PathBuf};
+
+use cardiotwin_schemas::record::RunRecord;
+
+use crate::results::atomic;
+
+/// An export that could not be written.
+#[derive(Debug, thiserror::Error)]
+pub enum ExportError {
+    /// The folder.
+    #[error("cannot create {folder}")]
+    Folder {
+        /// The folder.
+        folder: PathBuf,
+        /// The cause.
+        source: io::Error,
+    },
+    /// A file.
+    #[error("cannot write {file}")]
+    Write {
+        /// The file.
+        file: PathBuf,
+        /// The cause.
+        source: io::Error,
+    },
+}
+
+/// What was written.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Exported {
+    /// `table_1`, `table_2`, `table_A6`, `table_A7`, each as `.csv` and `.json`, then `traces.csv`.
+    pub files: Vec<PathBuf>,
+    /// Files of the run that could not be read, one sentence each; their traces are missing.
+    pub problems: Vec<String>,
+}
+
+/// Writes tables and traces of a run into a folder, which is made where it is not there. What a patient lacks is empty.
+///
+/// # Errors
+/// [`ExportError`]; each file is written atomically.
+pub fn export(run: &RunRecord, folder: &Path) -> Result<Exported, ExportError> {
+    std::fs::create_dir_all(folder).map_err(|source| ExportError::Folder { folder: folder.to_owned(), source })?;
+    let mut files = Vec::new();
+    for table in [paper::table_1(run), paper::table_2(run), paper::table_a6(run), paper::table_a7(run)] {
+        for (extension, text) in [("csv", table.csv()), ("json", table.json())] {
+            let file = folder.join(format!("{}.{extension}", table.name));
+            atomic::write(&file, |out| out.write_all(text.as_bytes()))
+                .map_err(|source| ExportError::Write { file: file.clone(), source })?;
+            files.push(file);
+        }
+    }
+    let file = folder.join("traces.csv");
+    let mut problems = Vec::new();
+    atomic::write(&file, |out| traces::write(run, out, &mut problems))
+        .map_err(|source| ExportError::Write { file: file.clone(), source })?;
+    files.push(file);
+    Ok(Exported { files, problems })
+}

@@ -1,0 +1,165 @@
+//! The paper's Tables 1, 2, A6 and A7 (Jung et al. 2022) for this cohort. Columns carry the names under which the
+//! paper's own numbers are kept, so that both can be joined; `LFM` is step 1, `HFM` step 2 there. Columns that the
+//! paper does not have stand at the end.
+
+use cardiotwin_schemas::record::{PatientRecord, RunRecord};
+use serde_json::{Value, json};
+
+use super::table::{Row, Table, number};
+use crate::results::{Biomarker, MeanSd, PatientView, Step};
+
+fn rows(run: &RunRecord, values: impl Fn(PatientView) -> Vec<Value>) -> Vec<Row> {
+    let row = |p: &PatientRecord| Row { patient: p.plan.id.to_string(), kind: None, values: values(PatientView(p)) };
+    run.patients.iter().map(row).collect()
+}
+
+fn names(columns: &[&str]) -> Vec<String> {
+    columns.iter().map(|c| (*c).to_owned()).collect()
+}
+
+fn integer(value: Option<u64>) -> Value {
+    value.map_or(Value::Null, |v| json!(v))
+}
+
+/// Mesh, cycle length, times and iterations.
+pub fn table_1(run: &RunRecord) -> Table {
+    Table {
+        name: "table_1",
+        caption: "Mesh information, times, iteration numbers; iterations_HFM counts cell evaluations, as in the paper",
+        columns: names(&[
+            "nodes",
+            "elements",
+            "cycle_length_ms",
+            "time_per_iteration_LFM_s",
+            "time_per_iteration_HFM_s",
+            "iterations_LFM",
+            "iterations_HFM",
+            "iteration_taken_LFM",
+            "first_within_tolerance_LFM",
+            "cost_LFM",
+            "quality_LFM",
+            "cost_HFM",
+            "wall_time_s",
+        ]),
+        rows: rows(run, |view| {
+            let p = view.0;
+            // A ventricle with a mesh counts it; the reduced one has none.
+            let counted =
+                |name: &str| number(view.beat(Step::Step1).and_then(|r| r.result.counters.get(name).copied()));
+            let per_beat = MeanSd::of(p.iterations.iter().map(|i| i.run.as_ref().map(|r| r.provenance.wall_s)));
+            let fit = p.cell_fit.as_ref();
+            let per_cell =
+                fit.filter(|f| f.result.evaluations > 0).map(|f| f.provenance.wall_s / f.result.evaluations as f64);
+            let step1 = p.step1.as_ref();
+            vec![
+                counted("nodes"),
+                counted("elements"),
+                number(Some(p.plan.step0.cycle_length_ms)),
+                number(per_beat.map(|m| m.mean)),
+                number(per_cell),
+                integer((!p.iterations.is_empty()).then_some(p.iterations.len() as u64)),
+                integer(fit.map(|f| f.result.evaluations)),
+                integer(step1.map(|s| u64::from(s.best_iteration))),
+                integer(step1.and_then(|s| s.first_converged).map(u64::from)),
+                number(step1.map(|s| s.cost)),
+                step1.map_or(Value::Null, |s| json!(s.to_string())),
+                number(fit.map(|f| f.result.cost)),
+                number(Some(view.wall_s()).filter(|s| *s > 0.0)),
+            ]
+        }),
+    }
+}
+
+/// Name of a biomarker's column in the paper's tables.
+fn paper_name(b: Biomarker) -> &'static str {
+    match b {
+        Biomarker::DpdtMax => "dP_dt_max_mmHg_per_ms",
+        Biomarker::DpdtMin => "dP_dt_min_mmHg_per_ms",
+        other => other.key(),
+    }
+}
+
+/// Biomarkers: clinical, step 1, step 2, with absolute relative differences in percent, as the paper prints them.
+pub fn table_2(run: &RunRecord) -> Table {
+    let mut rows = Vec::new();
+    for p in &run.patients {
+        let view = PatientView(p);
+        let values = |of: &dyn Fn(Biomarker) -> Option<f64>| Biomarker::ALL.iter().map(|b| number(of(*b))).collect();
+        let mut row = |kind, of: &dyn Fn(Biomarker) -> Option<f64>| {
+            rows.push(Row { patient: p.plan.id.to_string(), kind: Some(kind), values: values(of) });
+        };
+        let percent = |step, b| view.relative_difference(step, b).map(|d| 100.0 * d.abs());
+        row("clinical", &|b| b.of(view.measured()));
+        row("step1_LFM", &|b| b.of(view.simulated(Step::Step1)?));
+        row("step1_LFM_rel_diff_percent", &|b| percent(Step::Step1, b));
+        row("step2_HFM", &|b| b.of(view.simulated(Step::Step2)?));
+        row("step2_HFM_rel_diff_percent", &|b| percent(Step::Step2, b));
+    }
+    Table {
+        name: "table_2",
+        caption: "Simulated and clinical LV pressure and volume biomarkers",
+        columns: Biomarker::ALL.iter().map(|b| paper_name(*b).to_owned()).collect(),
+        rows,
+    }
+}
+
+/// Personalised Tanh and valve models.
+pub fn table_a6(run: &RunRecord) -> Table {
+    Table {
+        name: "table_A6",
+        caption: "Personalised Tanh model and valve models",
+        columns: names(&[
+            "Smax_ref_kPa",
+            "tau_SR_ref_ms",
+            "tau_SD_ms",
+            "t_CR_ms",
+            "R_AVf_mmHg_s_per_mL",
+            "R_MVf_mmHg_s_per_mL",
+            "quality",
+        ]),
+        rows: rows(run, |view| match &view.0.step1 {
+            Some(step1) => {
+                step1.parameters.updated().iter().map(|v| number(Some(*v))).chain([json!(step1.to_string())]).collect()
+            }
+            None => vec![Value::Null; 7],
+        }),
+    }
+}
+
+/// The nine of the paper's Table A7.
+const TABLE_A7: [&str; 9] =
+    ["n_TRPN", "beta_1_uM", "n_Tm", "Ca50_ref_uM", "k_UW_per_ms", "Ca_res_uM", "Ca_max_uM", "tau_CR_ms", "tau_CD_ms"];
+
+/// Personalised Land and Rice models with a_p and the smallest stretch; other fitted parameters after them.
+pub fn table_a7(run: &RunRecord) -> Table {
+    let mut columns = names(&TABLE_A7);
+    columns.push("a_p_kPa".to_owned());
+    for fit in run.patients.iter().filter_map(|p| p.cell_fit.as_ref()) {
+        for parameter in &fit.result.parameters {
+            if !columns.contains(&parameter.name) {
+                columns.push(parameter.name.clone());
+            }
+        }
+    }
+    let fitted = columns.clone();
+    columns.extend(names(&["lambda_min", "lambda_min_reached", "on_bounds"]));
+    Table {
+        name: "table_A7",
+        caption: "Personalised Land and Rice models; lambda_min is that of step 1's median trace, the target",
+        columns,
+        rows: rows(run, |view| {
+            let fit = view.0.cell_fit.as_ref().map(|f| &f.result);
+            let value = |name: &String| {
+                number(fit.and_then(|f| f.parameters.iter().find(|p| p.name == *name)).map(|p| p.value))
+            };
+            let on_bounds = fit.map(|f| {
+                f.parameters.iter().filter(|p| p.at_bound).map(|p| p.name.as_str()).collect::<Vec<_>>().join(" ")
+            });
+            let mut values: Vec<Value> = fitted.iter().map(value).collect();
+            values.push(number(view.0.targets.as_ref().map(|t| t.result.targets.lambda_min)));
+            values.push(number(fit.map(|f| f.reached.lambda_min)));
+            values.push(on_bounds.map_or(Value::Null, Value::String));
+            values
+        }),
+    }
+}

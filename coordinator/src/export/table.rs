@@ -1,0 +1,168 @@
+//! A table of patients with mean and standard deviation, as CSV and as JSON.
+
+use serde_json::{Map, Value, json};
+
+use crate::results::MeanSd;
+
+/// A row: one per patient, or several where `kind` tells them apart (clinical, step 1, …).
+pub struct Row {
+    /// Pseudonym.
+    pub patient: String,
+    /// Which of the patient's rows; all rows of a table have one, or none has.
+    pub kind: Option<&'static str>,
+    /// In the order of the columns; null is missing.
+    pub values: Vec<Value>,
+}
+
+/// A table.
+pub struct Table {
+    /// File name without extension.
+    pub name: &'static str,
+    /// What it holds.
+    pub caption: &'static str,
+    /// With units.
+    pub columns: Vec<String>,
+    /// In the cohort's order.
+    pub rows: Vec<Row>,
+}
+
+impl Table {
+    /// Kinds of rows in their order; `[None]` where rows have none.
+    fn kinds(&self) -> Vec<Option<&'static str>> {
+        let mut kinds = Vec::new();
+        for row in &self.rows {
+            if !kinds.contains(&row.kind) {
+                kinds.push(row.kind);
+            }
+        }
+        kinds
+    }
+
+    /// Mean and SD of every column over the rows of a kind; absent for columns of words.
+    fn spread(&self, kind: Option<&'static str>) -> Vec<Option<MeanSd>> {
+        let of =
+            |column: usize| MeanSd::of(self.rows.iter().filter(|r| r.kind == kind).map(|r| r.values[column].as_f64()));
+        (0..self.columns.len()).map(of).collect()
+    }
+
+    /// As CSV: `patient`, `row` where rows have kinds, then the columns; after the patients, rows `mean`, `SD` (n − 1)
+    /// and `n` (how many values there were).
+    #[must_use]
+    pub fn csv(&self) -> String {
+        let with_kind = self.rows.iter().any(|r| r.kind.is_some());
+        let mut out = csv::WriterBuilder::new().from_writer(Vec::new());
+        let mut line = |patient: &str, kind: Option<&str>, values: &mut dyn Iterator<Item = String>| {
+            let kind = with_kind.then(|| kind.unwrap_or_default().to_owned());
+            let cells = std::iter::once(patient.to_owned()).chain(kind).chain(values);
+            out.write_record(cells).expect("memory takes any row of this width");
+        };
+        line("patient", Some("row"), &mut self.columns.iter().cloned());
+        for row in &self.rows {
+            line(&row.patient, row.kind, &mut row.values.iter().map(text));
+        }
+        for kind in self.kinds() {
+            let spread = self.spread(kind);
+            line("mean", kind, &mut spread.iter().map(|s| s.map_or(String::new(), |s| rounded(s.mean).to_string())));
+            let sd = |s: &Option<MeanSd>| s.and_then(|s| s.sd).map_or(String::new(), |sd| rounded(sd).to_string());
+            line("SD", kind, &mut spread.iter().map(sd));
+            line("n", kind, &mut spread.iter().map(|s| s.map_or(0, |s| s.n).to_string()));
+        }
+        String::from_utf8(out.into_inner().expect("memory is flushed")).expect("CSV of text is text")
+    }
+
+    /// As JSON: `caption`, `columns`, `rows` by patient (and kind), `mean`, `SD`, `n` by kind.
+    #[must_use]
+    pub fn json(&self) -> String {
+        let object = |values: &mut dyn Iterator<Item = Value>| {
+            Value::Object(std::iter::zip(self.columns.iter().cloned(), values).collect::<Map<_, _>>())
+        };
+        let mut rows = Map::new();
+        for row in &self.rows {
+            let values = object(&mut row.values.iter().cloned());
+            match row.kind {
+                None => _ = rows.insert(row.patient.clone(), values),
+                Some(kind) => {
+                    let patient = rows.entry(row.patient.clone()).or_insert_with(|| json!({}));
+                    patient[kind] = values;
+                }
+            }
+        }
+        let by_kind = |value: &dyn Fn(&Option<MeanSd>) -> Value| {
+            let mut all = Map::new();
+            for kind in self.kinds() {
+                let values = object(&mut self.spread(kind).iter().map(value));
+                match (kind, values) {
+                    (Some(kind), values) => _ = all.insert(kind.to_owned(), values),
+                    (None, Value::Object(values)) => all = values,
+                    (None, _) => {}
+                }
+            }
+            Value::Object(all)
+        };
+        let document = json!({
+            "caption": self.caption,
+            "columns": self.columns,
+            "rows": rows,
+            "mean": by_kind(&|s| s.map_or(Value::Null, |s| json!(rounded(s.mean)))),
+            "SD": by_kind(&|s| s.and_then(|s| s.sd).map_or(Value::Null, |sd| json!(rounded(sd)))),
+            "n": by_kind(&|s| json!(s.map_or(0, |s| s.n))),
+        });
+        let mut text = serde_json::to_string_pretty(&document).expect("JSON values are JSON");
+        text.push('\n');
+        text
+    }
+}
+
+fn text(value: &Value) -> String {
+    match value {
+        Value::Null => String::new(),
+        Value::String(text) => text.clone(),
+        value => value.to_string(),
+    }
+}
+
+/// Twelve significant digits: the last bits of a sum depend on its order, and say nothing.
+fn rounded(value: f64) -> f64 {
+    format!("{value:.11e}").parse().unwrap_or(value)
+}
+
+/// A number to twelve significant digits, or null for what is missing or not finite.
+#[must_use]
+pub fn number(value: Option<f64>) -> Value {
+    value.filter(|v| v.is_finite()).map_or(Value::Null, |v| json!(rounded(v)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn table() -> Table {
+        let row = |patient: &str, values| Row { patient: patient.into(), kind: None, values };
+        Table {
+            name: "t",
+            caption: "c",
+            columns: vec!["a_ms".into(), "note".into()],
+            rows: vec![
+                row("P1", vec![json!(1.0), json!("x, y")]),
+                row("P2", vec![json!(2.0), Value::Null]),
+                row("P3", vec![Value::Null, Value::Null]),
+            ],
+        }
+    }
+
+    #[test]
+    fn mean_and_sd_leave_out_what_is_missing_and_say_how_many_there_were() {
+        let csv = table().csv();
+        let lines: Vec<_> = csv.lines().collect();
+        assert_eq!(lines[..4], ["patient,a_ms,note", "P1,1.0,\"x, y\"", "P2,2.0,", "P3,,"]);
+        assert_eq!(lines[4..], ["mean,1.5,", "SD,0.707106781187,", "n,2,0"]);
+    }
+
+    #[test]
+    fn json_holds_the_same_numbers() {
+        let json: Value = serde_json::from_str(&table().json()).unwrap();
+        assert_eq!(json["rows"]["P2"]["a_ms"], 2.0);
+        assert_eq!(json["rows"]["P3"]["a_ms"], Value::Null);
+        assert_eq!((&json["mean"]["a_ms"], &json["n"]["a_ms"]), (&json!(1.5), &json!(2)));
+    }
+}

@@ -1,0 +1,298 @@
+//! A cohort's folder: `cohort.toml`, a folder per patient, and whatever was learned about them.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use cardiotwin_schemas::cohort::CohortFile;
+use cardiotwin_schemas::overlay::ModelOverlay;
+use cardiotwin_schemas::patient::PatientFile;
+use cardiotwin_schemas::plan::ResolvedPatient;
+use cardiotwin_schemas::settings::Settings;
+use cardiotwin_signals::Problem;
+use serde::de::DeserializeOwned;
+use serde_json::Value;
+
+use super::document::Document;
+use super::layers::{COMMAND_LINE, Layer, Merged, Origin, RERUN, line_of, lines};
+use super::nearest::nearest;
+use super::report::Report;
+use super::{data, patient, ranges, resolve, shape};
+
+/// What is asked for beyond the files.
+#[derive(Debug, Clone, Default)]
+pub struct Options {
+    /// Patients; empty is all.
+    pub only: Vec<String>,
+    /// Settings that `rerun` stored, by patient.
+    pub overrides: BTreeMap<String, Value>,
+    /// `key=value` of the command line.
+    pub set: Vec<String>,
+}
+
+/// A cohort that was read.
+#[derive(Debug, Clone)]
+pub struct Cohort {
+    /// Its folder, as given.
+    pub directory: PathBuf,
+    /// Its name.
+    pub name: String,
+    /// One sentence.
+    pub description: String,
+    /// Settings of the cohort, without any patient's own.
+    pub settings: Merged,
+    /// In the order of their folders' names.
+    pub patients: Vec<Patient>,
+}
+
+/// A patient that was read.
+#[derive(Debug, Clone)]
+pub struct Patient {
+    /// Name of the folder, and pseudonym.
+    pub id: String,
+    /// Settings, all layers.
+    pub settings: Merged,
+    /// Its file, and the line of each of its keys.
+    pub lines: (PathBuf, BTreeMap<String, usize>),
+    /// The plan, where nothing is wrong with the patient.
+    pub resolved: Option<ResolvedPatient>,
+}
+
+impl Patient {
+    /// Where the value called `name` (the last part of a key) was set: dotted key and place, settings first.
+    #[must_use]
+    pub fn places_of(&self, name: &str) -> Vec<(String, String)> {
+        let ends = |key: &str| key.rsplit('.').next() == Some(name);
+        let settings = self.settings.leaves().into_iter().filter(|(key, _, origin)| {
+            // Built in says nothing about where to look; lines of this patient's own file follow below.
+            ends(key) && !matches!(origin, Origin::Default)
+        });
+        let mut places: Vec<(String, String)> = settings.map(|(key, _, origin)| (key, origin.to_string())).collect();
+        let (file, lines) = &self.lines;
+        let own = lines.iter().filter(|(key, _)| ends(key) && !key.starts_with("settings."));
+        places.extend(own.map(|(key, line)| (key.clone(), format!("{}:{line}", file.display()))));
+        places
+    }
+}
+
+impl Cohort {
+    /// Plans of all patients; call it when the report has no errors.
+    #[must_use]
+    pub fn plans(&self) -> Vec<ResolvedPatient> {
+        self.patients.iter().filter_map(|patient| patient.resolved.clone()).collect()
+    }
+}
+
+/// Reads and checks a cohort: every problem of every file goes to `report`. None where `cohort.toml` cannot be read.
+pub fn load(directory: &Path, options: &Options, report: &mut Report) -> Option<Cohort> {
+    let path = inside(directory, "cohort.toml");
+    let command_line = Layer::from_command_line(&options.set, report);
+    let document = Document::read(&path, None, report)?;
+    let file: CohortFile = read_as(&document, None, report)?;
+    let cohort_layer = Layer::from_file(&file.layer(), &document, "");
+    let defaults = Layer::defaults();
+    let merged = Merged::of([&defaults, &cohort_layer, &command_line]).ok()?;
+    complain(&merged, None, report);
+    check_defaults(&file, &document, report);
+    let folders = patient_folders(directory, &file, &document, report);
+    select(&folders, &options.only, report);
+    let mut patients = Vec::new();
+    for (id, folder) in folders.iter().filter(|(id, _)| options.only.is_empty() || options.only.contains(id)) {
+        let overrides = options.overrides.get(id).map(|value| Layer::from_rerun(value, id, report));
+        let layers = Layers { defaults: &defaults, cohort: &cohort_layer, overrides, command_line: &command_line };
+        patients.extend(load_patient(id, folder, &file, layers, report));
+    }
+    same_ids(&patients, report);
+    Some(Cohort {
+        directory: directory.to_owned(),
+        name: file.name,
+        description: file.description,
+        settings: merged,
+        patients: patients.into_iter().map(|(patient, _)| patient).collect(),
+    })
+}
+
+struct Layers<'a> {
+    defaults: &'a Layer,
+    cohort: &'a Layer,
+    overrides: Option<Layer>,
+    command_line: &'a Layer,
+}
+
+/// A patient, and the id that stands in its file.
+fn load_patient(
+    id: &str,
+    folder: &Path,
+    cohort: &CohortFile,
+    layers: Layers<'_>,
+    report: &mut Report,
+) -> Option<(Patient, String)> {
+    let document = Document::read(&folder.join("patient.toml"), Some(id), report)?;
+    let file: PatientFile = read_as(&document, Some(id), report)?;
+    patient::check_values(&file, &document, id, report);
+    let own = Layer::from_file(&file.settings.clone().unwrap_or_default(), &document, "settings");
+    let overrides = layers.overrides.unwrap_or_default();
+    // A rerun is about one patient and wins over what is said of all.
+    let settings = Merged::of([layers.defaults, layers.cohort, &own, layers.command_line, &overrides]).ok()?;
+    complain(&settings, Some((id, &document)), report);
+    patient::check_completeness(&file, &settings.settings, &document, report);
+    data::check(&file, folder, &document, &cohort.defaults, report);
+    let effects = overlay(id, folder, report).map(|overlay| overlay.effects).unwrap_or_default();
+    let resolved = if report.has_error_of(id) {
+        None
+    } else {
+        resolve::resolve(&file, folder, &cohort.defaults, &settings.settings, &effects, report)
+    };
+    let lines = (document.file.clone(), lines(&document.root, ""));
+    Some((Patient { id: id.to_owned(), settings, lines, resolved }, file.id))
+}
+
+fn read_as<T: DeserializeOwned + schemars::JsonSchema>(
+    document: &Document,
+    patient: Option<&str>,
+    report: &mut Report,
+) -> Option<T> {
+    let value = shape::fit(document, &schemars::schema_for!(T), patient, report);
+    match serde_json::from_value(value) {
+        Ok(file) => Some(file),
+        Err(error) => {
+            // The walk over the schema has let something pass that the type refuses: say what the type says.
+            let remedy = "correct the value";
+            report.add(patient, Problem::error(&document.file, error.to_string(), "a value of the key's type", remedy));
+            None
+        }
+    }
+}
+
+/// Checks what settings would be with `layer` on top of `base`; what cannot be right goes to `report`.
+pub fn check_on_top(base: &Settings, layer: &Layer, report: &mut Report) {
+    if let Ok(merged) = Merged::of([&Layer::base(base), layer]) {
+        complain(&merged, None, report);
+    }
+}
+
+/// Reports settings that cannot be right at the place where they were set.
+fn complain(merged: &Merged, patient: Option<(&str, &Document)>, report: &mut Report) {
+    for complaint in ranges::complaints(&merged.settings) {
+        let mut origin = merged.origin(&complaint.key);
+        if let (Origin::Default, Some(against)) = (origin, &complaint.against) {
+            origin = merged.origin(against);
+        }
+        let own = patient.filter(|(_, document)| match origin {
+            Origin::File(file, _) => *file == document.file,
+            Origin::Rerun => true,
+            _ => false,
+        });
+        let (file, line, prefix) = match origin {
+            Origin::File(file, line) => (file.as_path(), Some(*line), if own.is_some() { "settings." } else { "" }),
+            Origin::Rerun => (Path::new(RERUN), None, ""),
+            Origin::CommandLine | Origin::Default => (Path::new(COMMAND_LINE), None, ""),
+        };
+        let key = format!("{prefix}{}", complaint.key);
+        let mut problem = Problem::error(file, complaint.found, complaint.expected, complaint.remedy).at_key(key);
+        problem.line = line;
+        report.add(own.map(|(id, _)| id), problem);
+    }
+}
+
+fn check_defaults(file: &CohortFile, document: &Document, report: &mut Report) {
+    let mut range = |key: &str, value: Option<f64>, low: f64, high: f64| {
+        if let Some(value) = value.filter(|value| !(low..=high).contains(value)) {
+            let expected = format!("{low} to {high}");
+            let problem = Problem::error(&document.file, value.to_string(), expected, "correct the value");
+            report.add(None, problem.at_line(line_of(document, key)).at_key(key));
+        }
+    };
+    range("defaults.left_atrial_pressure_mmHg", file.defaults.left_atrial_pressure_mmhg, -5.0, 60.0);
+    range("defaults.passive_exponent", file.defaults.passive_exponent, 0.1, 100.0);
+    if file.name.trim().is_empty() && !report.is_broken(&document.file, "name") {
+        let problem = Problem::error(&document.file, "an empty name", "a short name", "name the cohort");
+        report.add(None, problem.at_line(line_of(document, "name")).at_key("name"));
+    }
+}
+
+/// A path below the cohort's folder; one in the current directory is named without `./`.
+fn inside(directory: &Path, name: &str) -> PathBuf {
+    if directory == Path::new(".") { PathBuf::from(name) } else { directory.join(name) }
+}
+
+/// Folders of patients by name, sorted; hidden ones are passed over.
+fn patient_folders(
+    directory: &Path,
+    file: &CohortFile,
+    document: &Document,
+    report: &mut Report,
+) -> Vec<(String, PathBuf)> {
+    let parent = inside(directory, &file.patients);
+    let here = |found: String, remedy: &str| {
+        let problem =
+            Problem::error(&document.file, found, "a folder with one folder per patient", remedy).at_key("patients");
+        match line_of(document, "patients") {
+            0 => problem,
+            line => problem.at_line(line),
+        }
+    };
+    let entries = match std::fs::read_dir(&parent) {
+        Ok(entries) => entries,
+        Err(error) => {
+            let found = format!("no readable folder {} ({error})", parent.display());
+            report.add(None, here(found, "create it, or name the right one with `patients = \"…\"`"));
+            return Vec::new();
+        }
+    };
+    let mut folders: Vec<(String, PathBuf)> = entries
+        .filter_map(Result::ok)
+        .filter(|entry| entry.path().is_dir())
+        .map(|entry| (entry.file_name().to_string_lossy().into_owned(), entry.path()))
+        .filter(|(name, _)| !name.starts_with('.'))
+        .collect();
+    folders.sort();
+    if folders.is_empty() {
+        let found = format!("no patient's folder in {}", parent.display());
+        report.add(None, here(found, "add a folder with patient.toml; `cardiotwin init DIR` writes a template"));
+    }
+    folders
+}
+
+fn select(folders: &[(String, PathBuf)], only: &[String], report: &mut Report) {
+    let known: Vec<&str> = folders.iter().map(|(id, _)| id.as_str()).collect();
+    for id in only.iter().filter(|id| !known.contains(&id.as_str())) {
+        let remedy = nearest(id, known.iter().copied())
+            .map_or("name one of these".to_owned(), |meant| format!("did you mean `{meant}`?"));
+        let expected = format!("one of {}", known.join(", "));
+        report
+            .add(None, Problem::error(Path::new("--patient"), format!("the unknown patient `{id}`"), expected, remedy));
+    }
+}
+
+/// Two folders whose files claim the same id: a copy that was not renamed.
+fn same_ids(patients: &[(Patient, String)], report: &mut Report) {
+    let mut first: BTreeMap<&str, &str> = BTreeMap::new();
+    for (patient, id) in patients.iter().filter(|(_, id)| !id.is_empty()) {
+        if let Some(other) = first.get(id.as_str()) {
+            let found = format!("id {id:?} in the folders {other} and {}", patient.id);
+            let remedy = "give each patient its own id, equal to its folder's name";
+            let (file, lines) = &patient.lines;
+            let problem = Problem::error(file, found, "each id once", remedy).at_key("id");
+            report.add(None, lines.get("id").map_or(problem.clone(), |line| problem.at_line(*line)));
+        } else {
+            first.insert(id, &patient.id);
+        }
+    }
+}
+
+/// `model.toml` beside `patient.toml`: what was accepted for this patient.
+fn overlay(id: &str, folder: &Path, report: &mut Report) -> Option<ModelOverlay> {
+    let path = folder.join("model.toml");
+    if !path.exists() {
+        return None;
+    }
+    let document = Document::read(&path, Some(id), report)?;
+    let overlay: ModelOverlay = read_as(&document, Some(id), report)?;
+    if overlay.patient != id && !report.is_broken(&path, "patient") {
+        let expected = format!("{id:?}, the folder's name");
+        let problem =
+            Problem::error(&path, format!("{:?}", overlay.patient), expected, "is this another patient's model?");
+        report.add(Some(id), problem.at_line(line_of(&document, "patient")).at_key("patient"));
+    }
+    Some(overlay)
+}

@@ -1,0 +1,60 @@
+//! Measured traces: read, and checked against each other and against the patient's file.
+
+use std::path::{Path, PathBuf};
+
+use cardiotwin_schemas::cohort::PatientDefaults;
+use cardiotwin_schemas::patient::PatientFile;
+use cardiotwin_signals::checks::{self, Measured, MeasuredVolume, Source};
+use cardiotwin_signals::read::read_trace;
+use cardiotwin_signals::{Quantity, Trace};
+use cardiotwin_units::{Ml, Mmhg, Ms};
+
+use super::document::Document;
+use super::layers::line_of;
+use super::report::Report;
+use super::resolve::left_atrial_pressure;
+
+/// Reads the traces of a patient and reports what is wrong with them.
+pub fn check(file: &PatientFile, folder: &Path, document: &Document, defaults: &PatientDefaults, report: &mut Report) {
+    let measured = &file.measured;
+    let mut read = |name: &Option<String>, quantity: Quantity| -> Option<(PathBuf, Trace)> {
+        let path = folder.join(name.as_ref()?);
+        if !path.is_file() {
+            return None; // reported at the key that names it
+        }
+        let reading = read_trace(&path, quantity);
+        let patient = folder.file_name().and_then(|name| name.to_str());
+        reading.problems.into_iter().for_each(|problem| report.add(patient, problem));
+        Some((path, reading.trace?))
+    };
+    let pressure = read(&measured.pressure, Quantity::Pressure);
+    let volume = read(&measured.volume, Quantity::Volume);
+    if report.is_broken(&document.file, "cycle_length_ms") {
+        return;
+    }
+    let problems = checks::check(&Measured {
+        patient_file: &document.file,
+        cycle_length: Ms(file.cycle_length_ms),
+        pressure: pressure.as_ref().map(|(file, trace)| Source { file, trace }),
+        volume: volume.as_ref().map(|(file, trace)| Source { file, trace }),
+        end_diastolic_pressure: measured.end_diastolic_pressure_mmhg.map(Mmhg),
+        left_atrial_pressure: left_atrial_pressure(file, defaults).map(Mmhg),
+        forward_stroke_volume: measured
+            .forward_stroke_volume
+            .as_ref()
+            .map(|flow| MeasuredVolume { volume: Ml(flow.volume_ml), sd: Ml(flow.sd_ml.unwrap_or(0.0)) }),
+    });
+    let patient = folder.file_name().and_then(|name| name.to_str());
+    for mut problem in problems {
+        if problem.file == document.file
+            && let Some(key) = problem.key.clone()
+        {
+            problem.line = Some(line_of(document, &key)).filter(|line| *line > 0);
+            if key == "preload.left_atrial_pressure_mmHg" && file.preload.is_none() {
+                problem.remedy =
+                    "it comes from [defaults] of cohort.toml: give this patient its own [preload]".to_owned();
+            }
+        }
+        report.add(patient, problem);
+    }
+}

@@ -1,0 +1,242 @@
+//! A TOML file as a tree that remembers the line of every key.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use cardiotwin_signals::Problem;
+use toml::de::{DeTable, DeValue};
+
+use super::report::Report;
+
+/// A value and the line where its key stands; line 0 where there is no file.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Node {
+    /// Line, from 1.
+    pub line: usize,
+    /// What stands there.
+    pub value: Tree,
+}
+
+/// What may stand in a TOML file.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Tree {
+    /// `[table]` or `{ inline = "table" }`.
+    Table(BTreeMap<String, Node>),
+    /// `[1, 2]`.
+    Array(Vec<Node>),
+    /// `"text"`.
+    Text(String),
+    /// `12`.
+    Integer(i64),
+    /// `1.5`, also `nan` and `inf`.
+    Float(f64),
+    /// `true`.
+    Bool(bool),
+    /// A date or a time: no key of ours has one.
+    Datetime(String),
+}
+
+impl Tree {
+    /// What a message calls it, with the value where it is short.
+    #[must_use]
+    pub fn describe(&self) -> String {
+        match self {
+            Self::Table(_) => "a table".to_owned(),
+            Self::Array(items) => format!("a list of {}", items.len()),
+            Self::Text(text) => format!("the text {text:?}"),
+            Self::Integer(number) => format!("the integer {number}"),
+            Self::Float(number) => format!("the number {number}"),
+            Self::Bool(value) => format!("the boolean {value}"),
+            Self::Datetime(text) => format!("the date {text}"),
+        }
+    }
+}
+
+/// A file that was read.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Document {
+    /// As given, so that messages name it as the user did.
+    pub file: PathBuf,
+    /// Its content.
+    pub root: Node,
+    /// Whether its syntax is right: where it is not, what is missing may stand in the part that was not understood.
+    pub sound: bool,
+}
+
+impl Document {
+    /// Reads and parses `file`. Every problem goes to `report`; what could be understood is returned.
+    pub fn read(file: &Path, patient: Option<&str>, report: &mut Report) -> Option<Self> {
+        let bytes = match std::fs::read(file) {
+            Ok(bytes) => bytes,
+            Err(error) => {
+                let found = format!("no readable file ({error})");
+                let remedy = "create it or allow its reading; `cardiotwin init DIR` writes a template";
+                report.add(patient, Problem::error(file, found, "a TOML file", remedy));
+                return None;
+            }
+        };
+        match String::from_utf8(bytes) {
+            Ok(text) => Some(Self::parse(file, &text, patient, report)),
+            Err(error) => {
+                let good = &error.as_bytes()[..error.utf8_error().valid_up_to()];
+                let line = 1 + good.iter().filter(|b| **b == b'\n').count();
+                let problem =
+                    Problem::error(file, "bytes that are not UTF-8", "text in UTF-8", "save the file as UTF-8");
+                report.add(patient, problem.at_line(line));
+                None
+            }
+        }
+    }
+
+    /// Parses `text` as the content of `file`.
+    pub fn parse(file: &Path, text: &str, patient: Option<&str>, report: &mut Report) -> Self {
+        let lines = Lines::of(text);
+        let (table, mut errors) = DeTable::parse_recoverable(text);
+        let sound = errors.is_empty();
+        errors.sort_by_key(|error| error.span().map_or(0, |span| span.start));
+        for error in errors {
+            let found = format!("a syntax error: {}", error.message());
+            let remedy = "correct it: texts stand in quotes, numbers do not, decimals take a point";
+            let mut problem = Problem::error(file, found, "TOML", remedy);
+            if let Some(span) = error.span() {
+                problem = problem.at_line(lines.line_of(span.start));
+            }
+            report.add(patient, problem);
+        }
+        let root = Node { line: 1, value: convert_table(table.get_ref(), &lines) };
+        Self { file: file.to_owned(), root, sound }
+    }
+}
+
+/// A value given as text, as after `--set key=`: TOML where it is TOML, else the text itself.
+#[must_use]
+pub fn value_from_text(text: &str) -> Node {
+    match DeValue::parse(text) {
+        Ok(value) => convert(value.get_ref(), 0, &Lines::of(text)).without_lines(),
+        Err(_) => Node { line: 0, value: Tree::Text(text.to_owned()) },
+    }
+}
+
+impl Node {
+    fn without_lines(mut self) -> Self {
+        self.line = 0;
+        match &mut self.value {
+            Tree::Table(table) => {
+                for node in table.values_mut() {
+                    *node = std::mem::replace(node, Node { line: 0, value: Tree::Bool(false) }).without_lines();
+                }
+            }
+            Tree::Array(items) => {
+                for node in items {
+                    *node = std::mem::replace(node, Node { line: 0, value: Tree::Bool(false) }).without_lines();
+                }
+            }
+            _ => {}
+        }
+        self
+    }
+
+    /// A JSON value as a tree without lines; `null` is left out.
+    #[must_use]
+    pub fn from_json(value: &serde_json::Value) -> Option<Self> {
+        use serde_json::Value;
+        let value = match value {
+            Value::Null => return None,
+            Value::Bool(value) => Tree::Bool(*value),
+            Value::String(text) => Tree::Text(text.clone()),
+            Value::Number(number) => match number.as_i64() {
+                Some(integer) => Tree::Integer(integer),
+                None => Tree::Float(number.as_f64()?),
+            },
+            Value::Array(items) => Tree::Array(items.iter().filter_map(Self::from_json).collect()),
+            Value::Object(map) => {
+                Tree::Table(map.iter().filter_map(|(k, v)| Some((k.clone(), Self::from_json(v)?))).collect())
+            }
+        };
+        Some(Self { line: 0, value })
+    }
+}
+
+/// Where lines begin.
+struct Lines(Vec<usize>);
+
+impl Lines {
+    fn of(text: &str) -> Self {
+        let after_newlines = text.bytes().enumerate().filter(|(_, b)| *b == b'\n').map(|(i, _)| i + 1);
+        Self(std::iter::once(0).chain(after_newlines).collect())
+    }
+
+    fn line_of(&self, offset: usize) -> usize {
+        self.0.partition_point(|start| *start <= offset)
+    }
+}
+
+fn convert_table(table: &DeTable<'_>, lines: &Lines) -> Tree {
+    let entries = table.iter().map(|(key, value)| {
+        let line = lines.line_of(key.span().start);
+        (key.get_ref().to_string(), convert(value.get_ref(), line, lines))
+    });
+    Tree::Table(entries.collect())
+}
+
+fn convert(value: &DeValue<'_>, line: usize, lines: &Lines) -> Node {
+    let value = match value {
+        DeValue::String(text) => Tree::Text(text.to_string()),
+        DeValue::Integer(number) => {
+            let digits = number.as_str().replace('_', "");
+            match i64::from_str_radix(&digits, number.radix()) {
+                Ok(integer) => Tree::Integer(integer),
+                Err(_) => Tree::Float(digits.parse().unwrap_or(f64::NAN)),
+            }
+        }
+        DeValue::Float(number) => Tree::Float(number.as_str().replace('_', "").parse().unwrap_or(f64::NAN)),
+        DeValue::Boolean(value) => Tree::Bool(*value),
+        DeValue::Datetime(date) => Tree::Datetime(date.to_string()),
+        DeValue::Array(items) => Tree::Array(
+            items.iter().map(|item| convert(item.get_ref(), lines.line_of(item.span().start), lines)).collect(),
+        ),
+        DeValue::Table(table) => convert_table(table, lines),
+    };
+    Node { line, value }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn parse(text: &str) -> (Document, Report) {
+        let mut report = Report::default();
+        let document = Document::parse(Path::new("x.toml"), text, None, &mut report);
+        (document, report)
+    }
+
+    #[test]
+    fn every_key_keeps_its_line() {
+        let (document, report) = parse("a = 1\n\n[b]\nc = { d = 2.5 }\ne = [\n  1,\n  2]\n");
+        assert!(report.findings().is_empty());
+        let Tree::Table(root) = &document.root.value else { panic!() };
+        assert_eq!(root["a"].line, 1);
+        let Tree::Table(b) = &root["b"].value else { panic!() };
+        let Tree::Table(c) = &b["c"].value else { panic!() };
+        assert_eq!((c["d"].line, &c["d"].value), (4, &Tree::Float(2.5)));
+        let Tree::Array(e) = &b["e"].value else { panic!() };
+        assert_eq!((b["e"].line, e[1].line), (5, 7));
+    }
+
+    #[test]
+    fn all_syntax_errors_are_reported_with_their_lines() {
+        let (_, report) = parse("a = \nb = 1\nc = 1,5\n");
+        let lines: Vec<_> = report.findings().iter().map(|f| f.problem.line).collect();
+        assert_eq!(lines.first(), Some(&Some(1)), "{:?}", report.findings());
+        assert!(lines.contains(&Some(3)), "{:?}", report.findings());
+    }
+
+    #[test]
+    fn text_after_set_is_toml_where_it_is() {
+        assert_eq!(value_from_text("0.5").value, Tree::Float(0.5));
+        assert_eq!(value_from_text("1_000").value, Tree::Integer(1000));
+        assert_eq!(value_from_text("first-converged").value, Tree::Text("first-converged".into()));
+        assert!(matches!(value_from_text("[1, 2]").value, Tree::Array(_)));
+        assert_eq!(value_from_text("0x10").value, Tree::Integer(16));
+    }
+}

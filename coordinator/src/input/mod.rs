@@ -1,0 +1,23 @@
+//! From files to plans: reads a cohort, layers its settings, checks everything at once, hashes what goes in.
+//!
+//! Layers, later ones over earlier ones, key by key: built-in defaults, `cohort.toml`, `[settings]` of `patient.toml`,
+//! `--set`, what `rerun` stored for the patient. Each leaf keeps its origin.
+
+mod cohort;
+mod data;
+mod document;
+mod layers;
+mod nearest;
+mod patient;
+mod ranges;
+mod report;
+mod resolve;
+mod shape;
+#[cfg(test)]
+mod tests;
+
+pub use cohort::{Cohort, Options, Patient, check_on_top, load};
+pub use document::{Node, Tree, value_from_text};
+pub use layers::{Layer, Merged, Origin};
+pub use nearest::nearest;
+pub use report::{Finding, Report};

@@ -1,0 +1,218 @@
+//! One patient's file: values that cannot be, and data that are missing. What traces show, the cycle length that must
+//! agree with them included, is checked by the signals crate.
+
+use std::path::Path;
+
+use cardiotwin_schemas::biomarkers::Biomarkers;
+use cardiotwin_schemas::patient::PatientFile;
+use cardiotwin_schemas::settings::{Settings, StartMode};
+use cardiotwin_signals::Problem;
+
+use super::document::Document;
+use super::layers::line_of;
+use super::report::Report;
+
+/// Longest pseudonym: it appears in tables, paths and, on a cluster, in job names.
+const LONGEST_ID: usize = 64;
+
+/// Checks the values of a patient's file; `folder` is the name of the folder where it lies.
+pub fn check_values(file: &PatientFile, document: &Document, folder: &str, report: &mut Report) {
+    let mut list = Values { document, folder, report };
+    list.identity(&file.id);
+    list.measured(file);
+    list.range("anatomy.wall_volume_mL", file.anatomy.wall_volume_ml, 1.0, 1000.0, "mL");
+    if let Some(afterload) = &file.afterload {
+        let [r1, r2, c] = [
+            afterload.characteristic_resistance_mmhg_s_per_ml,
+            afterload.peripheral_resistance_mmhg_s_per_ml,
+            afterload.compliance_ml_per_mmhg,
+        ];
+        list.range("afterload.characteristic_resistance_mmHg_s_per_mL", Some(r1), 0.0, 10.0, "mmHg s/mL");
+        list.range("afterload.peripheral_resistance_mmHg_s_per_mL", Some(r2), 0.01, 100.0, "mmHg s/mL");
+        list.range("afterload.compliance_mL_per_mmHg", Some(c), 0.001, 100.0, "mL/mmHg");
+    }
+    let preload = file.preload.as_ref().map(|preload| preload.left_atrial_pressure_mmhg);
+    list.range("preload.left_atrial_pressure_mmHg", preload, -5.0, 60.0, "mmHg");
+    if let Some(passive) = &file.passive {
+        list.range("passive.guccione_C_kPa", passive.guccione_c_kpa, 1e-4, 100.0, "kPa");
+        list.range("passive.exponent", passive.exponent, 0.1, 100.0, "");
+    }
+}
+
+/// Checks that the data suffice for the way the patient is to be simulated.
+pub fn check_completeness(file: &PatientFile, settings: &Settings, document: &Document, report: &mut Report) {
+    if !document.sound {
+        return;
+    }
+    let mut list = Values { document, folder: folder_of(document, &file.id), report };
+    let measured = &file.measured;
+    let given = measured.biomarkers.unwrap_or_default();
+    let broken = |report: &Report, key: &str| report.is_broken(&document.file, key);
+    let pressure_is_told = broken(list.report, "measured.pressure");
+    let volume_is_told = broken(list.report, "measured.volume");
+    if measured.pressure.is_none() && !pressure_is_told {
+        let missing: Vec<&str> = [
+            ("P_max_mmHg", given.p_max_mmhg),
+            ("dPdt_max_mmHg_per_ms", given.dpdt_max_mmhg_per_ms),
+            ("dPdt_min_mmHg_per_ms", given.dpdt_min_mmhg_per_ms),
+            ("PTD90_ms", given.ptd90_ms),
+        ]
+        .into_iter()
+        .filter_map(|(name, value)| value.is_none().then_some(name))
+        .collect();
+        if !missing.is_empty() {
+            list.add(
+                "measured",
+                format!("no pressure trace and no {}", missing.join(", ")),
+                "a pressure trace, or the four pressure biomarkers",
+                "add `pressure = \"pressure.csv\"` to [measured], or the missing ones to [measured.biomarkers]",
+            );
+        }
+        if measured.end_diastolic_pressure_mmhg.is_none() && given.edp_mmhg.is_none() {
+            list.add(
+                "measured.end_diastolic_pressure_mmHg",
+                "no such key, and no pressure trace to take it from",
+                "the pressure at end-diastole",
+                "add the key to [measured]",
+            );
+        }
+    }
+    let diastasis_ml = measured.diastasis.as_ref().map(|diastasis| diastasis.volume_ml);
+    let end_diastolic_ml = measured.end_diastolic_volume_ml.or(given.edv_ml);
+    if measured.volume.is_none() && !volume_is_told && end_diastolic_ml.is_none() && diastasis_ml.is_none() {
+        list.add(
+            "measured.end_diastolic_volume_mL",
+            "no such key, no volume trace and no image volume",
+            "the cavity's volume at end-diastole: without a volume there is no ventricle",
+            "add `end_diastolic_volume_mL` to [measured], or `volume = \"volume.csv\"`, or [measured.diastasis]",
+        );
+    }
+    if settings.solver.start == StartMode::Diastasis && diastasis_ml.is_none() {
+        list.add(
+            "measured.diastasis",
+            "no such table, and solver.start = \"diastasis\"",
+            "the image's volume and time",
+            "add [measured.diastasis] with time_ms and volume_mL, or choose solver.start = \"end-diastole\"",
+        );
+    }
+}
+
+/// The folder's name, which stays the patient's name where `id` says something else.
+fn folder_of<'a>(document: &'a Document, id: &'a str) -> &'a str {
+    document.file.parent().and_then(Path::file_name).and_then(|name| name.to_str()).unwrap_or(id)
+}
+
+struct Values<'a> {
+    document: &'a Document,
+    folder: &'a str,
+    report: &'a mut Report,
+}
+
+impl Values<'_> {
+    fn add(&mut self, key: &str, found: impl Into<String>, expected: &str, remedy: impl Into<String>) {
+        let mut problem = Problem::error(&self.document.file, found, expected, remedy).at_key(key);
+        problem.line = Some(line_of(self.document, key)).filter(|line| *line > 0);
+        self.report.add(Some(self.folder), problem);
+    }
+
+    fn range(&mut self, key: &str, value: Option<f64>, low: f64, high: f64, unit: &str) {
+        let Some(value) = value else { return };
+        if !(low..=high).contains(&value) {
+            let remedy = match unit {
+                "ms" if value > 0.0 && value < 10.0 => "this looks like seconds: give milliseconds",
+                _ if high < 0.0 && value > 0.0 => "it is negative: write the sign",
+                _ => "correct the value; its unit is in the key's name",
+            };
+            let expected = format!("{low} to {high} {unit}");
+            self.add(key, format!("{value} {unit}").trim_end(), expected.trim_end(), remedy);
+        }
+    }
+
+    fn identity(&mut self, id: &str) {
+        let plain = |c: char| c.is_ascii_alphanumeric() || "-_.".contains(c);
+        if id != self.folder {
+            let remedy = format!("write id = {:?}, or rename the folder", self.folder);
+            let expected = format!("the folder's name, {:?}", self.folder);
+            self.add("id", format!("{id:?}"), &expected, remedy);
+        } else if id.is_empty() || id.len() > LONGEST_ID || !id.chars().all(plain) || id.starts_with(['.', '-']) {
+            let expected = "1 to 64 letters, digits, `-`, `_` or `.`, beginning with a letter, digit or `_`";
+            self.add("id", format!("{id:?}"), expected, "choose another pseudonym and rename the folder alike");
+        }
+    }
+
+    fn measured(&mut self, file: &PatientFile) {
+        let measured = &file.measured;
+        let cycle_ms = file.cycle_length_ms;
+        for (key, name) in [("measured.pressure", &measured.pressure), ("measured.volume", &measured.volume)] {
+            self.trace_file(key, name.as_deref());
+        }
+        self.range("measured.end_diastolic_pressure_mmHg", measured.end_diastolic_pressure_mmhg, -10.0, 60.0, "mmHg");
+        self.range("measured.end_diastolic_volume_mL", measured.end_diastolic_volume_ml, 5.0, 1000.0, "mL");
+        if let Some(noise) = &measured.noise {
+            self.range("measured.noise.pressure_rms_mmHg", noise.pressure_rms_mmhg, 0.0, 50.0, "mmHg");
+            self.range("measured.noise.pressure_correlation_ms", noise.pressure_correlation_ms, 0.0, 1000.0, "ms");
+            self.range("measured.noise.volume_rms_mL", noise.volume_rms_ml, 0.0, 100.0, "mL");
+        }
+        if let Some(aorta) = &measured.aortic_pressure {
+            self.range("measured.aortic_pressure.systolic_mmHg", Some(aorta.systolic_mmhg), 30.0, 350.0, "mmHg");
+            self.range("measured.aortic_pressure.diastolic_mmHg", Some(aorta.diastolic_mmhg), 10.0, 250.0, "mmHg");
+            self.range("measured.aortic_pressure.sd_mmHg", aorta.sd_mmhg, 0.0, 100.0, "mmHg");
+            if aorta.diastolic_mmhg >= aorta.systolic_mmhg {
+                let found =
+                    format!("{} mmHg at a systolic pressure of {} mmHg", aorta.diastolic_mmhg, aorta.systolic_mmhg);
+                let key = "measured.aortic_pressure.diastolic_mmHg";
+                self.add(key, found, "diastolic below systolic", "swap the two or correct them");
+            }
+        }
+        if let Some(flow) = &measured.forward_stroke_volume {
+            self.range("measured.forward_stroke_volume.volume_mL", Some(flow.volume_ml), 1.0, 500.0, "mL");
+            self.range("measured.forward_stroke_volume.sd_mL", flow.sd_ml, 0.0, 200.0, "mL");
+        }
+        if let Some(image) = &measured.diastasis {
+            self.range("measured.diastasis.volume_mL", Some(image.volume_ml), 5.0, 1000.0, "mL");
+            self.range("measured.diastasis.sd_mL", image.sd_ml, 0.0, 200.0, "mL");
+            if cycle_ms > 0.0 && !(0.0..=cycle_ms).contains(&image.time_ms) {
+                let expected = format!("a time within the beat, 0 to {cycle_ms} ms");
+                let found = format!("{} ms", image.time_ms);
+                self.add(
+                    "measured.diastasis.time_ms",
+                    found,
+                    &expected,
+                    "count from the traces' zero, in milliseconds",
+                );
+            }
+        }
+        if let Some(biomarkers) = &measured.biomarkers {
+            self.biomarkers(biomarkers, cycle_ms);
+        }
+    }
+
+    fn biomarkers(&mut self, b: &Biomarkers, cycle_ms: f64) {
+        let longest_ms = if cycle_ms > 0.0 { cycle_ms } else { 3000.0 };
+        let rows: [(&str, Option<f64>, f64, f64, &str); 10] = [
+            ("P_max_mmHg", b.p_max_mmhg, 20.0, 400.0, "mmHg"),
+            ("dPdt_max_mmHg_per_ms", b.dpdt_max_mmhg_per_ms, 0.05, 20.0, "mmHg/ms"),
+            ("dPdt_min_mmHg_per_ms", b.dpdt_min_mmhg_per_ms, -20.0, -0.05, "mmHg/ms"),
+            ("PTD90_ms", b.ptd90_ms, 20.0, longest_ms, "ms"),
+            ("SV_mL", b.sv_ml, 1.0, 500.0, "mL"),
+            ("tau_VD_ms", b.tau_vd_ms, 1.0, longest_ms, "ms"),
+            ("tau_VR_ms", b.tau_vr_ms, 1.0, longest_ms, "ms"),
+            ("EDV_mL", b.edv_ml, 5.0, 1000.0, "mL"),
+            ("ESV_mL", b.esv_ml, 0.5, 1000.0, "mL"),
+            ("EDP_mmHg", b.edp_mmhg, -10.0, 60.0, "mmHg"),
+        ];
+        for (name, value, low, high, unit) in rows {
+            self.range(&format!("measured.biomarkers.{name}"), value, low, high, unit);
+        }
+    }
+
+    fn trace_file(&mut self, key: &str, name: Option<&str>) {
+        let Some(name) = name else { return };
+        let folder = self.document.file.parent().unwrap_or(Path::new("."));
+        let path = folder.join(name);
+        if !path.is_file() {
+            let found = format!("{name:?}, but there is no file {}", path.display());
+            self.add(key, found, "a trace file beside patient.toml", "put the file there or correct its name");
+        }
+    }
+}

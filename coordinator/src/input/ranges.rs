@@ -1,0 +1,295 @@
+//! Values of settings: ranges, bounds, names of parameters. Pure: settings in, complaints out.
+
+use std::collections::BTreeMap;
+
+use cardiotwin_schemas::organ::CELL_PARAMETERS;
+use cardiotwin_schemas::settings::{CellFitSettings, STEP1_PARAMETERS, Settings, SolverSettings, Step1Settings};
+
+use super::nearest::nearest;
+
+/// Keys of [`CellFitSettings::weights`].
+pub const CELL_TARGETS: [&str; 6] =
+    ["Sa_max_kPa", "dSadt_max_kPa_per_ms", "STD30_ms", "STD50_ms", "STD90_ms", "lambda_min"];
+
+/// A setting that cannot be right.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Complaint {
+    /// Dotted key.
+    pub key: String,
+    /// Another key that it conflicts with: where `key` is a built-in default, this is the one that was set.
+    pub against: Option<String>,
+    /// What was found.
+    pub found: String,
+    /// What was expected.
+    pub expected: String,
+    /// What to do.
+    pub remedy: String,
+}
+
+/// Everything that is wrong with the values of `settings`.
+#[must_use]
+pub fn complaints(settings: &Settings) -> Vec<Complaint> {
+    let mut list = List::default();
+    list.solver(&settings.solver);
+    list.step1(&settings.step1);
+    list.step2(&settings.step2);
+    let executor = &settings.executor;
+    list.count("executor.threads", executor.threads, 1, 1024);
+    list.count("executor.workers", executor.workers, 0, 4096);
+    list.count("executor.site_retries", executor.site_retries, 0, 100);
+    list.within("executor.hang_timeout_s", executor.hang_timeout_s, 0.0, 1e7);
+    list.0
+}
+
+#[derive(Default)]
+struct List(Vec<Complaint>);
+
+impl List {
+    fn add(
+        &mut self,
+        key: impl Into<String>,
+        found: impl Into<String>,
+        expected: impl Into<String>,
+        remedy: impl Into<String>,
+    ) {
+        self.0.push(Complaint {
+            key: key.into(),
+            against: None,
+            found: found.into(),
+            expected: expected.into(),
+            remedy: remedy.into(),
+        });
+    }
+
+    /// The last complaint is about a conflict with `key`.
+    fn against(&mut self, key: String) {
+        if let Some(last) = self.0.last_mut() {
+            last.against = Some(key);
+        }
+    }
+
+    /// `low ≤ value ≤ high`.
+    fn within(&mut self, key: &str, value: f64, low: f64, high: f64) {
+        if !(low..=high).contains(&value) {
+            self.add(key, value.to_string(), format!("a number from {low} to {high}"), "give a value in this range");
+        }
+    }
+
+    /// `0 < value ≤ high`.
+    fn positive(&mut self, key: &str, value: f64, high: f64) {
+        if !(value > 0.0 && value <= high) {
+            let expected = format!("a number above 0, up to {high}");
+            self.add(key, value.to_string(), expected, "give a value in this range");
+        }
+    }
+
+    fn count(&mut self, key: &str, value: u32, low: u32, high: u32) {
+        if !(low..=high).contains(&value) {
+            self.add(key, value.to_string(), format!("an integer from {low} to {high}"), "give a value in this range");
+        }
+    }
+
+    fn name(&mut self, key: &str, name: &str, known: &[&str]) -> bool {
+        if known.contains(&name) {
+            return true;
+        }
+        let remedy = nearest(name, known.iter().copied())
+            .map_or("use one of these".to_owned(), |meant| format!("did you mean `{meant}`?"));
+        let expected = format!("a parameter among {}", known.join(", "));
+        self.add(key, format!("the unknown parameter `{name}`"), expected, remedy);
+        false
+    }
+
+    fn bounds(&mut self, key: &str, bounds: &BTreeMap<String, [f64; 2]>, known: &[&str]) {
+        for (name, [low, high]) in bounds {
+            let key = format!("{key}.{name}");
+            if self.name(&key, name, known) && low >= high {
+                let found = format!("[{low}, {high}]");
+                self.add(key, found, "lower bound < upper bound", "swap them, or freeze the parameter at one value");
+            }
+        }
+    }
+
+    fn solver(&mut self, solver: &SolverSettings) {
+        self.positive("solver.time_step_ms", solver.time_step_ms, 10.0);
+        self.positive("solver.shortest_step_ms", solver.shortest_step_ms, 10.0);
+        if solver.time_step_ms > 0.0 && solver.shortest_step_ms > solver.time_step_ms {
+            let found = format!("{} ms, longer than a step of {} ms", solver.shortest_step_ms, solver.time_step_ms);
+            let remedy = "a step is cut in halves from solver.time_step_ms down to it";
+            self.add("solver.shortest_step_ms", found, "at most solver.time_step_ms", remedy);
+            self.against("solver.time_step_ms".to_owned());
+        }
+        self.count("solver.newton_iterations", solver.newton_iterations, 1, 1000);
+        self.count("solver.beats", solver.beats, 1, 1000);
+        self.within("solver.activation.spread_ms", solver.activation.spread_ms, 0.0, 300.0);
+        self.count("solver.activation.groups", solver.activation.groups, 1, 1000);
+        if let Some(onset_ms) = solver.activation.onset_ms {
+            self.within("solver.activation.onset_ms", onset_ms, 0.0, 1000.0);
+        }
+    }
+
+    fn step1(&mut self, step1: &Step1Settings) {
+        self.positive("step1.tolerance", step1.tolerance, 100.0);
+        self.count("step1.max_iterations", step1.max_iterations, 1, 10_000);
+        self.positive("step1.damping", step1.damping, 1.0);
+        self.count("step1.stall_iterations", step1.stall_iterations, 1, 10_000);
+        self.within("step1.stall_improvement", step1.stall_improvement, 0.0, 1.0);
+        for name in &step1.frozen {
+            self.name("step1.frozen", name, &STEP1_PARAMETERS);
+        }
+        self.bounds("step1.bounds", &step1.bounds, &STEP1_PARAMETERS);
+        let initial = &step1.initial;
+        self.positive("step1.initial.Smax_ref_kPa", initial.smax_ref_kpa, 1e5);
+        self.positive("step1.initial.tau_SR_ref_ms", initial.tau_sr_ref_ms, 1e4);
+        self.positive("step1.initial.tau_SD_ms", initial.tau_sd_ms, 1e4);
+        self.positive("step1.initial.t_CR_ms", initial.t_cr_ms, 1e4);
+        self.within("step1.initial.a4_ms", initial.a4_ms, 0.0, 1e5);
+        self.within("step1.initial.t_emd_ms", initial.t_emd_ms, 0.0, 300.0);
+        self.positive("step1.initial.a6", initial.a6, 1e3);
+        self.positive("step1.initial.a7", initial.a7, 1.5);
+        let valves = &step1.valves;
+        self.positive("step1.valves.R_AV_f_mmHg_s_per_mL", valves.r_av_f_mmhg_s_per_ml, 1e3);
+        self.positive("step1.valves.R_MV_f_mmHg_s_per_mL", valves.r_mv_f_mmhg_s_per_ml, 1e3);
+        self.positive("step1.valves.R_b_mmHg_s_per_mL", valves.r_b_mmhg_s_per_ml, 1e9);
+        self.initial_inside_bounds(step1);
+    }
+
+    fn initial_inside_bounds(&mut self, step1: &Step1Settings) {
+        let values = cardiotwin_schemas::organ::Step1Parameters { tanh: step1.initial, valves: step1.valves }.updated();
+        for (name, value) in STEP1_PARAMETERS.iter().zip(values) {
+            let Some([low, high]) = step1.bounds.get(*name) else { continue };
+            if *low < 0.0 {
+                let remedy = "step 1 multiplies parameters by ratios, which keeps their sign: give a bound above 0";
+                self.add(format!("step1.bounds.{name}"), low.to_string(), "a lower bound of 0 or more", remedy);
+            }
+            if low < high && !(*low..=*high).contains(&value) {
+                let table = if name.starts_with("R_") { "valves" } else { "initial" };
+                let expected = format!("a value within step1.bounds.{name} = [{low}, {high}]");
+                let remedy = "move the first guess inside or widen the bounds";
+                self.add(format!("step1.{table}.{name}"), value.to_string(), expected, remedy);
+                self.against(format!("step1.bounds.{name}"));
+            }
+        }
+    }
+
+    fn step2(&mut self, step2: &CellFitSettings) {
+        self.count("step2.popsize", step2.popsize, 1, 10_000);
+        self.within("step2.tol", step2.tol, 0.0, 1.0);
+        self.within("step2.atol", step2.atol, 0.0, 1e6);
+        self.count("step2.max_generations", step2.max_generations, 1, 1_000_000);
+        let [low, high] = step2.mutation;
+        if !(0.0 <= low && low <= high && high < 2.0) {
+            let remedy = "give [smallest, largest] mutation factor, equal for none of the dither";
+            self.add("step2.mutation", format!("[{low}, {high}]"), "0 ≤ smallest ≤ largest < 2", remedy);
+        }
+        self.within("step2.recombination", step2.recombination, 0.0, 1.0);
+        self.bounds("step2.bounds", &step2.bounds, &CELL_PARAMETERS);
+        if step2.parameters.is_empty() {
+            let remedy = "name at least one; the default ten are in docs/models.md";
+            self.add("step2.parameters", "an empty list", "parameters to fit", remedy);
+        }
+        let mut seen = Vec::new();
+        for name in &step2.parameters {
+            if !self.name("step2.parameters", name, &CELL_PARAMETERS) {
+                continue;
+            }
+            if seen.contains(&name) {
+                let found = format!("`{name}` twice");
+                self.add("step2.parameters", found, "each parameter once", "remove one of them");
+            } else if !step2.bounds.contains_key(name) {
+                let remedy = format!("add `{name} = [lower, upper]` to [step2.bounds]");
+                self.add("step2.parameters", format!("`{name}` without bounds"), "bounds of every parameter", remedy);
+                self.against(format!("step2.bounds.{name}"));
+            }
+            if step2.frozen.contains_key(name) {
+                let remedy = "take it out of step2.parameters or of step2.frozen";
+                let key = format!("step2.frozen.{name}");
+                self.add(key, "a parameter that is also fitted", "fitted or frozen, not both", remedy);
+                self.against("step2.parameters".to_owned());
+            }
+            seen.push(name);
+        }
+        for name in step2.frozen.keys() {
+            self.name(&format!("step2.frozen.{name}"), name, &CELL_PARAMETERS);
+        }
+        for (name, weight) in &step2.weights {
+            let key = format!("step2.weights.{name}");
+            if self.name(&key, name, &CELL_TARGETS) {
+                self.within(&key, *weight, 0.0, 1e9);
+            }
+        }
+        if !step2.weights.values().any(|weight| *weight > 0.0) {
+            let remedy = "give at least one biomarker a positive weight";
+            self.add("step2.weights", "no positive weight", "something to fit", remedy);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn keys(change: impl FnOnce(&mut Settings)) -> Vec<String> {
+        let mut settings = Settings::default();
+        change(&mut settings);
+        complaints(&settings).into_iter().map(|c| c.key).collect()
+    }
+
+    #[test]
+    fn defaults_have_nothing_to_complain_about() {
+        assert_eq!(keys(|_| {}), Vec::<String>::new());
+    }
+
+    #[test]
+    fn numbers_out_of_range_are_named_by_key() {
+        assert_eq!(keys(|s| s.step1.tolerance = -0.1), ["step1.tolerance"]);
+        assert_eq!(keys(|s| s.step1.damping = 1.5), ["step1.damping"]);
+        assert_eq!(keys(|s| s.step1.max_iterations = 0), ["step1.max_iterations"]);
+        assert_eq!(keys(|s| s.solver.time_step_ms = 0.0), ["solver.time_step_ms"]);
+        assert_eq!(keys(|s| s.solver.time_step_ms = 0.01), ["solver.shortest_step_ms"]);
+        assert_eq!(keys(|s| s.step2.recombination = 1.1), ["step2.recombination"]);
+        assert_eq!(keys(|s| s.step2.mutation = [1.0, 0.5]), ["step2.mutation"]);
+        assert_eq!(keys(|s| s.executor.threads = 0), ["executor.threads"]);
+    }
+
+    #[test]
+    fn bounds_reversed_unknown_or_missing_the_first_guess() {
+        let reversed = keys(|s| {
+            s.step1.bounds.insert("t_CR_ms".into(), [600.0, 500.0]);
+        });
+        assert_eq!(reversed, ["step1.bounds.t_CR_ms"]);
+        let outside = keys(|s| {
+            s.step1.bounds.insert("t_CR_ms".into(), [100.0, 500.0]);
+        });
+        assert_eq!(outside, ["step1.initial.t_CR_ms"]);
+        let valve = keys(|s| s.step1.valves.r_av_f_mmhg_s_per_ml = 5.0);
+        assert_eq!(valve, ["step1.valves.R_AV_f_mmHg_s_per_mL"]);
+        let unknown = keys(|s| {
+            s.step2.bounds.insert("tau_cr".into(), [0.0, 1.0]);
+        });
+        assert_eq!(unknown, ["step2.bounds.tau_cr"]);
+    }
+
+    #[test]
+    fn parameter_names_are_checked_wherever_they_stand() {
+        let mut settings = Settings::default();
+        settings.step1.frozen = vec!["Smax_ref".into()];
+        let complaint = complaints(&settings).remove(0);
+        assert!(complaint.remedy.contains("Smax_ref_kPa"), "{complaint:?}");
+        assert_eq!(keys(|s| s.step2.parameters.push("n_TRPN".into())), ["step2.parameters"]);
+        assert_eq!(keys(|s| s.step2.parameters.push("r_W".into())), ["step2.parameters"], "without bounds");
+        assert_eq!(
+            keys(|s| {
+                s.step2.frozen.insert("n_TRPN".into(), 2.0);
+            }),
+            ["step2.frozen.n_TRPN"]
+        );
+        assert_eq!(
+            keys(|s| {
+                s.step2.weights.insert("STD40_ms".into(), 2.0);
+            }),
+            ["step2.weights.STD40_ms"]
+        );
+        assert_eq!(keys(|s| s.step2.weights.clear()), ["step2.weights"]);
+    }
+}

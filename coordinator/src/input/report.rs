@@ -1,0 +1,120 @@
+//! The list that collects every problem of a cohort before anything is said.
+
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+
+use cardiotwin_signals::Problem;
+use serde::Serialize;
+
+/// A problem, and the patient that it concerns.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Finding {
+    /// Absent where it concerns the cohort.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub patient: Option<String>,
+    /// What is wrong.
+    #[serde(flatten)]
+    pub problem: Problem,
+}
+
+/// All problems of a cohort, in the order in which they were found, each once.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Report {
+    findings: Vec<Finding>,
+    /// Files and keys that are already known to be wrong: what follows from them is not said again.
+    broken: BTreeSet<(PathBuf, String)>,
+}
+
+impl Report {
+    /// Adds a problem unless it is there or follows from one that is.
+    pub fn add(&mut self, patient: Option<&str>, problem: Problem) {
+        let known = problem.key.as_ref().is_some_and(|key| self.is_broken(&problem.file, key));
+        let finding = Finding { patient: patient.map(str::to_owned), problem };
+        if !known && !self.findings.contains(&finding) {
+            self.findings.push(finding);
+        }
+    }
+
+    /// Adds a problem and silences later ones at the same key.
+    pub fn add_and_break(&mut self, patient: Option<&str>, problem: Problem) {
+        let mark = problem.key.clone().map(|key| (problem.file.clone(), key));
+        self.add(patient, problem);
+        self.broken.extend(mark);
+    }
+
+    /// Silences what will be said about a key, because what is wrong with it is said already.
+    pub fn break_key(&mut self, file: &Path, key: &str) {
+        self.broken.insert((file.to_owned(), key.to_owned()));
+    }
+
+    /// Whether the value at `key` of `file`, or a table around it, could not be taken.
+    #[must_use]
+    pub fn is_broken(&self, file: &Path, key: &str) -> bool {
+        let mut prefix = key;
+        loop {
+            if self.broken.contains(&(file.to_owned(), prefix.to_owned())) {
+                return true;
+            }
+            match prefix.rfind('.') {
+                Some(dot) => prefix = &prefix[..dot],
+                None => return false,
+            }
+        }
+    }
+
+    /// All of them.
+    #[must_use]
+    pub fn findings(&self) -> &[Finding] {
+        &self.findings
+    }
+
+    /// Number of errors.
+    #[must_use]
+    pub fn n_errors(&self) -> usize {
+        self.findings.iter().filter(|f| f.problem.is_error()).count()
+    }
+
+    /// Number of warnings.
+    #[must_use]
+    pub fn n_warnings(&self) -> usize {
+        self.findings.len() - self.n_errors()
+    }
+
+    /// Whether this patient, or the cohort as a whole, has an error.
+    #[must_use]
+    pub fn has_error_of(&self, patient: &str) -> bool {
+        let concerns = |finding: &Finding| finding.patient.as_deref().is_none_or(|named| named == patient);
+        self.findings.iter().any(|f| f.problem.is_error() && concerns(f))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn problem(file: &str, key: Option<&str>) -> Problem {
+        let problem = Problem::error(Path::new(file), "x", "y", "z");
+        match key {
+            Some(key) => problem.at_key(key),
+            None => problem,
+        }
+    }
+
+    #[test]
+    fn what_follows_from_a_known_problem_is_not_said_again() {
+        let mut report = Report::default();
+        report.add_and_break(None, problem("cohort.toml", Some("step1")));
+        report.add(None, problem("cohort.toml", Some("step1.tolerance")));
+        report.add(None, problem("patient.toml", Some("step1.tolerance")));
+        assert_eq!(report.n_errors(), 2);
+    }
+
+    #[test]
+    fn a_problem_of_the_cohort_holds_every_patient() {
+        let mut report = Report::default();
+        report.add(Some("P1"), problem("a", None));
+        assert!(report.has_error_of("P1") && !report.has_error_of("P2"));
+        report.add(None, problem("a", None));
+        assert!(report.has_error_of("P2"));
+    }
+}

@@ -1,0 +1,255 @@
+//! Keys and types of a document against the JSON Schema of its Rust type: one walk for every file, so that a key added
+//! to a type is known here at once.
+
+use std::collections::BTreeMap;
+
+use cardiotwin_signals::Problem;
+use serde_json::{Map, Value};
+
+use super::document::{Document, Node, Tree};
+use super::nearest::nearest;
+use super::report::Report;
+
+/// Takes from `document` what fits `schema`, as JSON; what does not fit is reported, and left out, or, where the type
+/// demands the key, stands as a placeholder whose key is marked broken in `report`.
+pub fn fit(document: &Document, schema: &schemars::Schema, patient: Option<&str>, report: &mut Report) -> Value {
+    let root = schema.as_value();
+    let mut walk = Walk { document, root, patient, report };
+    walk.node(&document.root, root, "").unwrap_or(Value::Object(Map::new()))
+}
+
+struct Walk<'a> {
+    document: &'a Document,
+    root: &'a Value,
+    patient: Option<&'a str>,
+    report: &'a mut Report,
+}
+
+impl<'a> Walk<'a> {
+    fn problem(&mut self, line: usize, key: &str, found: String, expected: String, remedy: String) {
+        let mut problem = Problem::error(&self.document.file, found, expected, remedy).at_key(key);
+        problem.line = (line > 0).then_some(line);
+        self.report.add_and_break(self.patient, problem);
+    }
+
+    /// The value where it fits, else none, with the reason reported.
+    fn node(&mut self, node: &Node, schema: &'a Value, key: &str) -> Option<Value> {
+        let schema = self.resolve(schema);
+        let choices: Vec<&'a str> = choices(schema);
+        let kind = schema.get("type").and_then(type_name).unwrap_or(if choices.is_empty() { "any" } else { "string" });
+        match (&node.value, kind) {
+            (Tree::Table(table), "object") => Some(self.table(node.line, table, schema, key)),
+            (Tree::Array(items), "array") => self.array(node, items, schema, key),
+            (Tree::Text(text), "string") => {
+                if choices.is_empty() || choices.contains(&text.as_str()) {
+                    return Some(Value::String(text.clone()));
+                }
+                let meant = nearest(text, choices.iter().copied());
+                let remedy = meant.map_or("use one of these".to_owned(), |m| format!("did you mean `{m}`?"));
+                let expected = format!("one of {}", quoted(&choices));
+                self.problem(node.line, key, format!("the text {text:?}"), expected, remedy);
+                None
+            }
+            (Tree::Bool(value), "boolean") => Some(Value::Bool(*value)),
+            (Tree::Integer(number), "integer") => {
+                if schema.get("minimum").and_then(Value::as_f64).is_some_and(|least| (*number as f64) < least) {
+                    self.problem(
+                        node.line,
+                        key,
+                        number.to_string(),
+                        "an integer of 0 or more".to_owned(),
+                        "give a number that is not negative".to_owned(),
+                    );
+                    return None;
+                }
+                Some((*number).into())
+            }
+            (Tree::Integer(number), "number") => Some(Value::from(*number as f64)),
+            (Tree::Float(number), "number") => {
+                let value = serde_json::Number::from_f64(*number).map(Value::Number);
+                if value.is_none() {
+                    let remedy = "give a finite number, or leave the key out".to_owned();
+                    self.problem(node.line, key, number.to_string(), "a finite number".to_owned(), remedy);
+                }
+                value
+            }
+            (found, kind) => {
+                let remedy = match (found, kind) {
+                    (Tree::Text(_), "number" | "integer") => {
+                        "write the number without quotes; its unit is in the key's name".to_owned()
+                    }
+                    (_, "object") => format!("write it as a table: [{key}]"),
+                    (_, "string") => "put the text in quotes".to_owned(),
+                    _ => format!("give {}", kind_in_words(kind, &choices)),
+                };
+                self.problem(node.line, key, found.describe(), kind_in_words(kind, &choices), remedy);
+                None
+            }
+        }
+    }
+
+    fn table(&mut self, line: usize, table: &BTreeMap<String, Node>, schema: &'a Value, key: &str) -> Value {
+        let properties = schema.get("properties").and_then(Value::as_object);
+        let further = schema.get("additionalProperties").filter(|schema| schema.is_object());
+        let mut out = Map::new();
+        for (name, node) in table {
+            let inner = join(key, name);
+            if let Some(inner_schema) = properties.and_then(|all| all.get(name)).or(further) {
+                if let Some(value) = self.node(node, inner_schema, &inner) {
+                    out.insert(name.clone(), value);
+                }
+                continue;
+            }
+            let known: Vec<&str> = properties.into_iter().flat_map(Map::keys).map(String::as_str).collect();
+            let meant = nearest(name, known.iter().copied()).filter(|meant| !table.contains_key(*meant));
+            let remedy = meant.map_or("remove the key".to_owned(), |meant| format!("did you mean `{meant}`?"));
+            self.problem(node.line, &inner, "an unknown key".to_owned(), format!("one of {}", quoted(&known)), remedy);
+            // The key that was meant is not missing.
+            meant.into_iter().for_each(|meant| self.report.break_key(&self.document.file, &join(key, meant)));
+        }
+        let required = schema.get("required").and_then(Value::as_array);
+        for name in required.into_iter().flatten().filter_map(Value::as_str) {
+            if out.contains_key(name) {
+                continue;
+            }
+            let Some(property) = properties.and_then(|all| all.get(name)) else { continue };
+            let inner_schema = self.resolve(property);
+            if !table.contains_key(name) && self.document.sound {
+                self.missing(line, &join(key, name), name, property);
+            }
+            self.report.break_key(&self.document.file, &join(key, name));
+            out.insert(name.to_owned(), placeholder(inner_schema));
+        }
+        Value::Object(out)
+    }
+
+    fn missing(&mut self, line: usize, key: &str, name: &str, property: &'a Value) {
+        let schema = self.resolve(property);
+        let kind = schema.get("type").and_then(type_name).unwrap_or("any");
+        let meaning = [property, schema].iter().find_map(|s| s.get("description").and_then(Value::as_str));
+        let meaning = meaning.unwrap_or_default();
+        let sentence = meaning.split(['.', ';', ':']).next().unwrap_or_default();
+        let expected = kind_in_words(kind, &choices(schema));
+        self.problem(line, key, "no such key".to_owned(), expected, format!("add `{name}` ({sentence})"));
+    }
+
+    fn array(&mut self, node: &Node, items: &[Node], schema: &'a Value, key: &str) -> Option<Value> {
+        let length = |name: &str| schema.get(name).and_then(Value::as_u64).and_then(|n| usize::try_from(n).ok());
+        if length("minItems").is_some_and(|least| items.len() < least)
+            || length("maxItems").is_some_and(|most| items.len() > most)
+        {
+            let expected = match length("minItems") {
+                Some(2) => "two numbers, lower and upper".to_owned(),
+                n => format!("a list of {}", n.unwrap_or_default()),
+            };
+            let remedy = "write [lower, upper]".to_owned();
+            self.problem(node.line, key, format!("a list of {}", items.len()), expected, remedy);
+            return None;
+        }
+        let item_schema = schema.get("items").unwrap_or(&Value::Bool(true));
+        let values: Vec<_> = items.iter().map(|item| self.node(item, item_schema, key)).collect();
+        values.into_iter().collect::<Option<Vec<_>>>().map(Value::Array)
+    }
+
+    /// Follows references, and the one real alternative of an optional value.
+    fn resolve(&self, mut schema: &'a Value) -> &'a Value {
+        loop {
+            let alternatives = schema.get("anyOf").and_then(Value::as_array);
+            let real =
+                alternatives.and_then(|all| all.iter().find(|a| a.get("type").and_then(Value::as_str) != Some("null")));
+            let name = schema.get("$ref").and_then(Value::as_str).and_then(|r| r.strip_prefix("#/$defs/"));
+            let definition = name.and_then(|name| self.root.get("$defs").and_then(|all| all.get(name)));
+            match real.or(definition) {
+                Some(next) => schema = next,
+                None => return schema,
+            }
+        }
+    }
+}
+
+fn placeholder(schema: &Value) -> Value {
+    match schema.get("type").and_then(type_name) {
+        Some("number") => Value::from(0.0),
+        Some("integer") => Value::from(0),
+        Some("object") => Value::Object(Map::new()),
+        Some("array") => Value::Array(Vec::new()),
+        _ => Value::String(String::new()),
+    }
+}
+
+/// The type, or the one beside `null`.
+fn type_name(kind: &Value) -> Option<&str> {
+    match kind {
+        Value::String(name) => Some(name),
+        Value::Array(names) => names.iter().filter_map(Value::as_str).find(|name| *name != "null"),
+        _ => None,
+    }
+}
+
+/// The words of an enumeration.
+fn choices(schema: &Value) -> Vec<&str> {
+    let constants = schema.get("oneOf").and_then(Value::as_array).into_iter().flatten();
+    let constants = constants.filter_map(|one| one.get("const").and_then(Value::as_str));
+    let listed = schema.get("enum").and_then(Value::as_array).into_iter().flatten().filter_map(Value::as_str);
+    constants.chain(listed).collect()
+}
+
+fn kind_in_words(kind: &str, choices: &[&str]) -> String {
+    match kind {
+        _ if !choices.is_empty() => format!("one of {}", quoted(choices)),
+        "object" => "a table".to_owned(),
+        "array" => "a list".to_owned(),
+        "string" => "a text".to_owned(),
+        "number" => "a number".to_owned(),
+        "integer" => "an integer".to_owned(),
+        "boolean" => "true or false".to_owned(),
+        other => other.to_owned(),
+    }
+}
+
+fn quoted(words: &[&str]) -> String {
+    words.iter().map(|word| format!("`{word}`")).collect::<Vec<_>>().join(", ")
+}
+
+/// A dotted key; a part with a dot in it is quoted as in TOML.
+#[must_use]
+pub fn join(key: &str, name: &str) -> String {
+    let name = if name.contains('.') { format!("\"{name}\"") } else { name.to_owned() };
+    if key.is_empty() { name } else { format!("{key}.{name}") }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use cardiotwin_schemas::patient::PatientFile;
+    use schemars::schema_for;
+
+    use super::*;
+
+    fn problems(text: &str) -> (Value, Vec<Problem>) {
+        let mut report = Report::default();
+        let document = Document::parse(Path::new("patient.toml"), text, None, &mut report);
+        let value = fit(&document, &schema_for!(PatientFile), None, &mut report);
+        (value, report.findings().iter().map(|f| f.problem.clone()).collect())
+    }
+
+    #[test]
+    fn a_good_file_passes_and_becomes_the_type() {
+        let (value, problems) = problems("id = 'P'\ncycle_length_ms = 800\n[measured]\npressure = 'p.csv'\n");
+        assert_eq!(problems, []);
+        assert_eq!(serde_json::from_value::<PatientFile>(value).unwrap().cycle_length_ms, 800.0);
+    }
+
+    #[test]
+    fn unknown_keys_wrong_types_and_missing_keys_are_all_named() {
+        let (value, problems) = problems(
+            "id = 3\n[measured]\npresure = 'p.csv'\n[preload]\n[settings.step1]\nstop = 'first'\n\
+             bounds = { t_CR_ms = [1] }\ndamping = '0.5'\nmax_iterations = -1\n[settings.step2.weights]\nx = nan\n",
+        );
+        let said: Vec<String> = problems.iter().map(ToString::to_string).collect();
+        insta::assert_snapshot!(said.join("\n"));
+        serde_json::from_value::<PatientFile>(value)
+            .expect("what is broken is replaced, so that the rest is looked at");
+    }
+}

@@ -1,0 +1,11 @@
+//! The coordinator: cohorts in, personalised twins out.
+pub mod cli;
+pub mod clock;
+pub mod dispatch;
+pub mod engine;
+pub mod export;
+pub mod input;
+pub mod machine;
+pub mod report;
+pub mod results;
+pub mod store;

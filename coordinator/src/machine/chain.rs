@@ -1,0 +1,73 @@
+//! A patient's chain as far as its tasks are settled: what reports read, computed anew at every decision.
+
+use std::collections::BTreeMap;
+
+use cardiotwin_schemas::ids::TaskKey;
+use cardiotwin_schemas::organ::Step1Parameters;
+use cardiotwin_schemas::record::Step1Summary;
+use serde::{Deserialize, Serialize};
+
+use super::patient::{Stage, Step};
+
+/// Settled tasks of a patient, in order.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct Chain {
+    /// Step 0.
+    pub step0: Option<TaskKey>,
+    /// Step 1's simulations, failed ones and those of earlier settings included.
+    pub iterations: Vec<ChainIteration>,
+    /// How step 1 ended.
+    pub step1: Option<Step1Summary>,
+    /// Step 2's targets.
+    pub targets: Option<TaskKey>,
+    /// Step 2.
+    pub cell_fit: Option<TaskKey>,
+    /// Its cost.
+    pub step2_cost: Option<f64>,
+    /// The verification beat.
+    pub verification: Option<TaskKey>,
+    /// Its cost by step 1's formula.
+    pub verification_cost: Option<f64>,
+    /// No-op tasks.
+    pub noops: Vec<TaskKey>,
+}
+
+/// One simulation of step 1.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct ChainIteration {
+    /// What was simulated.
+    pub parameters: Step1Parameters,
+    /// The task.
+    pub task: TaskKey,
+    /// Sum of squared relative differences; absent where it failed.
+    pub cost: Option<f64>,
+    /// (simulated − measured) / measured, by biomarker.
+    pub relative_differences: BTreeMap<String, f64>,
+}
+
+impl Chain {
+    /// Every settled task with its place.
+    pub fn steps(&self) -> impl Iterator<Item = (Step, &TaskKey)> {
+        let iterations = self.iterations.iter().map(|i| &i.task);
+        [Stage::Step0]
+            .into_iter()
+            .zip(&self.step0)
+            .chain(std::iter::repeat(Stage::Step1).zip(iterations))
+            .chain([Stage::Targets].into_iter().zip(&self.targets))
+            .chain([Stage::Step2].into_iter().zip(&self.cell_fit))
+            .chain([Stage::Verification].into_iter().zip(&self.verification))
+            .chain(std::iter::repeat(Stage::Noop).zip(&self.noops))
+            .scan((None, 0), |(last, number), (stage, key)| {
+                *number = if *last == Some(stage) { *number + 1 } else { 1 };
+                *last = Some(stage);
+                Some((Step { stage, number: *number }, key))
+            })
+    }
+
+    /// Lowest cost of step 1 so far.
+    #[must_use]
+    pub fn best_cost(&self) -> Option<f64> {
+        self.iterations.iter().filter_map(|i| i.cost).min_by(f64::total_cmp)
+    }
+}

@@ -1,0 +1,201 @@
+//! The verdict on an outcome: by the science, never by exit 0 alone (SPEC section 5).
+//!
+//! A result counts only if it answers the task that was asked, is finite, and passes every check of the science that
+//! it carries. Whatever else ended well is a failure all the same, of class numerics.
+
+use cardiotwin_schemas::biomarkers::{Biomarkers, CellBiomarkers};
+use cardiotwin_schemas::failure::{Failure, FailureClass};
+use cardiotwin_schemas::ids::AttemptId;
+use cardiotwin_schemas::outcome::{
+    CellFitResult, Ending, OrganBeatResult, PassiveStateResult, TargetsResult, TaskOutcome, TaskResult,
+};
+
+use super::job::AttemptEnding;
+
+/// How an attempt at a task of `kind` ended, judged by what it left.
+#[must_use]
+pub fn judge(attempt: &AttemptId, kind: &str, outcome: &TaskOutcome) -> AttemptEnding {
+    if &outcome.attempt != attempt {
+        let message = format!("the outcome found for attempt {attempt} was written by attempt {}", outcome.attempt);
+        return AttemptEnding::Failed { failure: Failure::new(FailureClass::Bug, message) };
+    }
+    match &outcome.ending {
+        Ending::Succeeded { result } => match science(kind, result) {
+            Ok(()) => AttemptEnding::Succeeded,
+            Err(failure) => AttemptEnding::Failed { failure },
+        },
+        Ending::Diverged { last_good_ms, reason } => {
+            AttemptEnding::Failed { failure: numerics(format!("simulation ended at {last_good_ms} ms: {reason}")) }
+        }
+        Ending::Failed { failure } => AttemptEnding::Failed { failure: failure.clone() },
+        Ending::Cancelled => AttemptEnding::Interrupted,
+    }
+}
+
+fn numerics(message: String) -> Failure {
+    Failure::new(FailureClass::Numerics, message)
+}
+
+/// Whether a result answers a task of `kind` and may be believed.
+fn science(kind: &str, result: &TaskResult) -> Result<(), Failure> {
+    match (kind, result) {
+        ("passive-state", TaskResult::PassiveState(r)) => passive_state(r),
+        ("organ-beat", TaskResult::OrganBeat(r)) => organ_beat(r),
+        ("targets", TaskResult::Targets(r)) => targets(r),
+        ("cell-fit", TaskResult::CellFit(r)) => cell_fit(r),
+        ("noop", TaskResult::Noop) => Ok(()),
+        (kind, other) => {
+            let found = match other {
+                TaskResult::PassiveState(_) => "passive-state",
+                TaskResult::OrganBeat(_) => "organ-beat",
+                TaskResult::Targets(_) => "targets",
+                TaskResult::CellFit(_) => "cell-fit",
+                TaskResult::Noop => "noop",
+            };
+            Err(Failure::new(FailureClass::Bug, format!("a task of kind {kind} was answered by a result of {found}")))
+        }
+    }
+}
+
+fn passive_state(r: &PassiveStateResult) -> Result<(), Failure> {
+    let loads = &r.circulation;
+    let w = &loads.afterload;
+    finite("afterload R1", w.characteristic_resistance_mmhg_s_per_ml)?;
+    finite("afterload R2", w.peripheral_resistance_mmhg_s_per_ml)?;
+    finite("afterload C", w.compliance_ml_per_mmhg)?;
+    finite("Windkessel pressure at the start", loads.initial_windkessel_pressure_mmhg)?;
+    finite("left atrial pressure", loads.left_atrial_pressure_mmhg)?;
+    let cardiotwin_schemas::organ::OrganSpec::Reduced { passive, activation } = &r.organ;
+    positive("wall volume", passive.wall_volume_ml)?;
+    positive("unloaded volume", passive.unloaded_volume_ml)?;
+    positive("end-diastolic volume", passive.end_diastolic_volume_ml)?;
+    positive("passive stiffness", passive.stiffness_kpa)?;
+    finite("passive exponent", passive.exponent)?;
+    finite("end-diastolic pressure", passive.end_diastolic_pressure_mmhg)?;
+    finite("activation onset", activation.onset_ms)?;
+    biomarkers(&r.measured)
+}
+
+fn organ_beat(r: &OrganBeatResult) -> Result<(), Failure> {
+    if r.checks.is_empty() {
+        return Err(Failure::new(FailureClass::Bug, "the simulation reports no check of its science"));
+    }
+    if let Some(check) = r.failed_check() {
+        return Err(numerics(format!("{}: found {}, expected {}", check.name, check.found, check.expected)));
+    }
+    positive("smallest stretch", r.lambda_min)?;
+    biomarkers(&r.biomarkers)
+}
+
+fn targets(r: &TargetsResult) -> Result<(), Failure> {
+    positive("first value of the median stretch", r.lambda_0)?;
+    cell_biomarkers(&r.targets)?;
+    if r.n_nodes == 0 {
+        return Err(numerics("no node entered the medians".into()));
+    }
+    Ok(())
+}
+
+fn cell_fit(r: &CellFitResult) -> Result<(), Failure> {
+    finite("cost of the fit", r.cost)?;
+    for p in &r.parameters {
+        finite(&p.name, p.value)?;
+        let slack = 1e-9 * (p.upper - p.lower).abs();
+        if p.value < p.lower - slack || p.value > p.upper + slack {
+            let message = format!("fitted {} is {}, outside its bounds {} to {}", p.name, p.value, p.lower, p.upper);
+            return Err(Failure::new(FailureClass::Bug, message));
+        }
+    }
+    cell_biomarkers(&r.reached)
+}
+
+fn biomarkers(b: &Biomarkers) -> Result<(), Failure> {
+    let named = [
+        ("P_max", b.p_max_mmhg),
+        ("dPdt_max", b.dpdt_max_mmhg_per_ms),
+        ("dPdt_min", b.dpdt_min_mmhg_per_ms),
+        ("PTD90", b.ptd90_ms),
+        ("SV", b.sv_ml),
+        ("tau_VD", b.tau_vd_ms),
+        ("tau_VR", b.tau_vr_ms),
+        ("EDV", b.edv_ml),
+        ("ESV", b.esv_ml),
+        ("EDP", b.edp_mmhg),
+        ("end_of_beat_gap", b.end_of_beat_gap_ml),
+    ];
+    named.into_iter().filter_map(|(name, value)| Some((name, value?))).try_for_each(|(n, v)| finite(n, v))
+}
+
+fn cell_biomarkers(b: &CellBiomarkers) -> Result<(), Failure> {
+    finite("Sa_max", b.sa_max_kpa)?;
+    finite("dSadt_max", b.dsadt_max_kpa_per_ms)?;
+    finite("STD30", b.std30_ms)?;
+    finite("STD50", b.std50_ms)?;
+    finite("STD90", b.std90_ms)?;
+    positive("lambda_min", b.lambda_min)
+}
+
+fn finite(name: &str, value: f64) -> Result<(), Failure> {
+    if value.is_finite() { Ok(()) } else { Err(numerics(format!("{name} is {value}, expected a finite value"))) }
+}
+
+fn positive(name: &str, value: f64) -> Result<(), Failure> {
+    finite(name, value)?;
+    if value > 0.0 { Ok(()) } else { Err(numerics(format!("{name} is {value}, expected a value above 0"))) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use cardiotwin_schemas::ids::TaskKey;
+    use cardiotwin_schemas::outcome::Check;
+    use cardiotwin_schemas::provenance::Provenance;
+
+    fn attempt(generation: u32) -> AttemptId {
+        AttemptId { task: TaskKey::from("00"), generation }
+    }
+
+    fn outcome(ending: Ending) -> TaskOutcome {
+        let provenance = Provenance::default();
+        TaskOutcome { schema_version: 1, attempt: attempt(1), ending, artefacts: vec![], provenance }
+    }
+
+    fn beat(passed: bool, p_max: f64) -> Ending {
+        let check = Check {
+            name: "aortic valve opened and closed".into(),
+            passed,
+            found: "never opened".into(),
+            expected: "opened once".into(),
+        };
+        Ending::Succeeded {
+            result: Box::new(TaskResult::OrganBeat(OrganBeatResult {
+                biomarkers: Biomarkers { p_max_mmhg: Some(p_max), ..Biomarkers::default() },
+                time_points: Default::default(),
+                checks: vec![check],
+                beats: 1,
+                periodic: false,
+                remarks: vec![],
+                lambda_min: 0.8,
+                counters: Default::default(),
+            })),
+        }
+    }
+
+    fn class(ending: AttemptEnding) -> Option<FailureClass> {
+        ending.failure().map(|f| f.class)
+    }
+
+    #[test]
+    fn a_simulation_that_ended_well_counts_only_if_its_checks_hold_and_its_numbers_are_finite() {
+        let judged = |ending| judge(&attempt(1), "organ-beat", &outcome(ending));
+        assert_eq!(judged(beat(true, 120.0)), AttemptEnding::Succeeded);
+        assert_eq!(class(judged(beat(false, 120.0))), Some(FailureClass::Numerics));
+        assert_eq!(class(judged(beat(true, f64::NAN))), Some(FailureClass::Numerics));
+    }
+
+    #[test]
+    fn an_answer_to_another_question_is_a_defect() {
+        assert_eq!(class(judge(&attempt(1), "targets", &outcome(beat(true, 120.0)))), Some(FailureClass::Bug));
+        assert_eq!(class(judge(&attempt(2), "organ-beat", &outcome(beat(true, 120.0)))), Some(FailureClass::Bug));
+    }
+}

@@ -1,0 +1,144 @@
+//! A task: what is wanted. Its key says what it is, so two patients that want the same thing share one task.
+//!
+//! ```text
+//!          Start{g}                 Ended{g, Succeeded}
+//!  Open ───────────► Attempting{g} ─────────────────────► Published{g}
+//!   ▲ ▲                 │     │
+//!   │ └── Interrupted, ─┘     └─ Ended{g, Failed} or site budget spent ──► Failed{failure}
+//!   │     Cancelled, site failure within the budget                            │
+//!   └───────────────────────────── Retry ──────────────────────────────────────┘
+//! ```
+//! Only the current generation counts: an `Ended` of an older one changes nothing. A published task is never run again.
+
+use cardiotwin_schemas::failure::{Failure, FailureClass};
+use serde::{Deserialize, Serialize};
+
+use super::IllegalTransition;
+use super::job::AttemptEnding;
+
+/// Where a task stands. Generations count from 1 and never go back.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "state", rename_all = "kebab-case")]
+pub enum Task {
+    /// Not done, and nobody is at it.
+    Open {
+        /// Last generation that was tried; 0 for none.
+        generation: u32,
+        /// Site failures charged so far.
+        site_failures: u32,
+    },
+    /// An attempt is at it.
+    Attempting {
+        /// The one that may publish.
+        generation: u32,
+        /// Site failures charged so far.
+        site_failures: u32,
+    },
+    /// Its result stands.
+    Published {
+        /// Which attempt published.
+        generation: u32,
+    },
+    /// It failed, and trying the same again by itself makes no sense.
+    Failed {
+        /// The last attempt.
+        generation: u32,
+        /// Why.
+        failure: Failure,
+    },
+}
+
+/// What happens to a task.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "event", rename_all = "kebab-case")]
+pub enum TaskEvent {
+    /// Command: begin the next attempt.
+    Start,
+    /// Command: a person asks for another try at a failed task.
+    Retry,
+    /// Observation: an attempt ended.
+    Ended {
+        /// Which one.
+        generation: u32,
+        /// How.
+        how: AttemptEnding,
+        /// How many site failures are forgiven.
+        site_retries: u32,
+    },
+}
+
+impl Default for Task {
+    fn default() -> Self {
+        Self::Open { generation: 0, site_failures: 0 }
+    }
+}
+
+impl Task {
+    /// The last generation that was begun; 0 for none.
+    #[must_use]
+    pub fn generation(&self) -> u32 {
+        match self {
+            Self::Open { generation, .. }
+            | Self::Attempting { generation, .. }
+            | Self::Published { generation }
+            | Self::Failed { generation, .. } => *generation,
+        }
+    }
+
+    /// Whether it is settled: published or failed.
+    #[must_use]
+    pub fn is_final(&self) -> bool {
+        matches!(self, Self::Published { .. } | Self::Failed { .. })
+    }
+
+    /// One word for tables.
+    #[must_use]
+    pub fn word(&self) -> &'static str {
+        match self {
+            Self::Open { .. } => "open",
+            Self::Attempting { .. } => "attempting",
+            Self::Published { .. } => "published",
+            Self::Failed { .. } => "failed",
+        }
+    }
+
+    /// Next state.
+    ///
+    /// # Errors
+    /// [`IllegalTransition`] for `Start` of a task that is not open and `Retry` of one that did not fail.
+    pub fn on(self, event: TaskEvent) -> Result<Self, IllegalTransition> {
+        match (self, event) {
+            (Self::Open { generation, site_failures }, TaskEvent::Start) => {
+                Ok(Self::Attempting { generation: generation + 1, site_failures })
+            }
+            (Self::Failed { generation, .. }, TaskEvent::Retry) => Ok(Self::Open { generation, site_failures: 0 }),
+            (state, TaskEvent::Start) => Err(illegal(&state, "start")),
+            (state, TaskEvent::Retry) => Err(illegal(&state, "retry")),
+            (
+                Self::Attempting { generation, site_failures },
+                TaskEvent::Ended { generation: ended, how, site_retries },
+            ) if generation == ended => Ok(match how {
+                AttemptEnding::Succeeded => Self::Published { generation },
+                AttemptEnding::Interrupted | AttemptEnding::Cancelled => Self::Open { generation, site_failures },
+                AttemptEnding::Failed { failure } => settle(generation, site_failures, failure, site_retries),
+                AttemptEnding::Lost { reason } => {
+                    settle(generation, site_failures, Failure::new(FailureClass::Site, reason), site_retries)
+                }
+            }),
+            (state, TaskEvent::Ended { .. }) => Ok(state),
+        }
+    }
+}
+
+/// What follows from a failure: the site's are forgiven `site_retries` times, all others stand.
+fn settle(generation: u32, site_failures: u32, failure: Failure, site_retries: u32) -> Task {
+    if failure.class == FailureClass::Site && site_failures < site_retries {
+        Task::Open { generation, site_failures: site_failures + 1 }
+    } else {
+        Task::Failed { generation, failure }
+    }
+}
+
+fn illegal(state: &Task, event: &str) -> IllegalTransition {
+    IllegalTransition { machine: "task", state: state.word().into(), event: event.into() }
+}

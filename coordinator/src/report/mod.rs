@@ -1,0 +1,16 @@
+//! The report: a run's record in, self-contained HTML out. Touches neither store nor network.
+//!
+//! One file for up to [`ONE_FILE`] patients; beyond, an index with a page per patient beside it.
+
+mod cohort;
+mod convergence;
+mod figures;
+mod format;
+mod page;
+mod patient;
+mod plot;
+mod provenance;
+mod tables;
+mod write;
+
+pub use write::{ONE_FILE, ReportError, ReportPaths, write_report};

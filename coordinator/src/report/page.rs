@@ -1,0 +1,65 @@
+//! The page around the content: head, style, navigation, script.
+
+use cardiotwin_schemas::record::{PatientRecord, RunRecord};
+use maud::{DOCTYPE, Markup, PreEscaped, html};
+
+use super::cohort::Link;
+use super::patient::standing;
+
+const CSS: &str = include_str!("report.css");
+const JS: &str = include_str!("report.js");
+/// Runs before anything is drawn, so that a dark page never flashes white. `#dark` and `#light` in the address win.
+const THEME_JS: &str = "(function(){var h=location.hash.slice(1),t=h==='dark'||h==='light'?h:null;\
+try{t=t||localStorage.getItem('cardiotwin-theme')}catch(e){}if(t)document.documentElement.dataset.theme=t})()";
+
+/// The dark colours stand in two rules of the style sheet: by the system's wish, and by the reader's.
+fn style() -> String {
+    let mark = ("/* dark colours */", "/* end */");
+    let dark = CSS.split(mark.0).nth(1).and_then(|rest| rest.split(mark.1).next()).unwrap_or_default();
+    let by_system =
+        format!("@media screen and (prefers-color-scheme: dark) {{ :root:not([data-theme=\"light\"]) {{{dark}}} }}");
+    format!("{CSS}\n{by_system}\n")
+}
+
+/// A whole page.
+#[must_use]
+pub fn page(title: &str, nav: &Markup, content: &Markup) -> Markup {
+    html! {
+        (DOCTYPE)
+        html lang="en" {
+            head {
+                meta charset="utf-8";
+                meta name="viewport" content="width=device-width, initial-scale=1";
+                meta name="color-scheme" content="light dark";
+                title { (title) }
+                link rel="icon" href="data:,";
+                style { (PreEscaped(style())) }
+                script { (PreEscaped(THEME_JS)) }
+            }
+            body {
+                (nav)
+                main { (content) }
+                script { (PreEscaped(JS)) }
+            }
+        }
+    }
+}
+
+/// Navigation that stays in sight: the cohort, then the patients with a sign of how each stands.
+#[must_use]
+pub fn nav(run: &RunRecord, home: &str, patients: &[PatientRecord], link: Link) -> Markup {
+    html! {
+        nav aria-label="patients" {
+            div.navhead {
+                a.home href=(home) { (run.cohort) }
+                button.theme type="button" title="light or dark" aria-label="switch between light and dark" { "◐" }
+            }
+            ol {
+                @for p in patients {
+                    @let (class, sign, words) = standing(p);
+                    li { a href=(link(p)) title=(words) { span class={ "sign " (class) } aria-hidden="true" { (sign) } " " (p.plan.id) } }
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,302 @@
+//! A patient's section.
+
+use cardiotwin_schemas::record::{PatientRecord, StallReason, Step1Quality};
+use maud::{Markup, html};
+
+use super::convergence;
+use super::figures::{self, figure, legend, line_name};
+use super::format::{count, duration, fixed, percent, significant, symbol};
+use super::provenance;
+use super::tables;
+use crate::results::{Biomarker, PatientView, SignalKind, Signals, Source, Step};
+
+/// How a patient stands, for badges: a class of the style sheet, a sign and words, so that colour is never alone.
+#[must_use]
+pub fn standing(patient: &PatientRecord) -> (&'static str, &'static str, String) {
+    if let Some(failure) = &patient.failure {
+        return ("bad", "✕", format!("failed in {} ({})", step_name(&patient.status.step), failure.class.as_str()));
+    }
+    match (patient.status.state.as_str(), &patient.step1) {
+        ("done", Some(summary)) if summary.quality == Step1Quality::Converged => {
+            ("good", "●", "personalised".to_owned())
+        }
+        ("done", Some(_)) => ("warn", "▲", "personalised, step 1 stalled".to_owned()),
+        ("done", None) => ("good", "●", "done".to_owned()),
+        (state @ ("failed" | "cancelled"), _) => {
+            ("bad", "✕", format!("{state} in {}", step_name(&patient.status.step)))
+        }
+        (state, _) => ("quiet", "○", format!("{}: {state}", step_name(&patient.status.step))),
+    }
+}
+
+fn step_name(step: &str) -> String {
+    step.replace("step-", "step ")
+}
+
+/// Step 1's ending in words; what runs still, where it has none.
+#[must_use]
+pub fn step1_words(patient: &PatientRecord) -> String {
+    match &patient.step1 {
+        Some(summary) => summary.to_string(),
+        None if patient.iterations.is_empty() => "\u{2013}".to_owned(),
+        None => format!("{} so far", count(patient.iterations.len(), "iteration")),
+    }
+}
+
+fn reason_words(reason: StallReason) -> &'static str {
+    match reason {
+        StallReason::Stagnation => "the cost no longer fell",
+        StallReason::SimulationFailed => "a simulation failed",
+        StallReason::IterationLimit => "the limit of iterations was reached",
+    }
+}
+
+/// What happened, in a few sentences.
+fn summary(patient: &PatientRecord) -> Markup {
+    let view = PatientView(patient);
+    let errors = |step| {
+        let (pressure, stroke) =
+            (view.relative_difference(step, Biomarker::PMax), view.relative_difference(step, Biomarker::Sv));
+        html! {
+            @if pressure.is_some() { "P" sub { "max" } " " (percent(pressure)) " %" }
+            @if pressure.is_some() && stroke.is_some() { ", " }
+            @if stroke.is_some() { "SV " (percent(stroke)) " %" }
+        }
+    };
+    html! {
+        p.summary {
+            @match &patient.step1 {
+                Some(s) => {
+                    "Step 1 " (match s.quality {
+                        Step1Quality::Converged => format!("converged (cost {} at iteration {} of {}", significant(s.cost, 3), s.best_iteration, patient.iterations.len()),
+                        Step1Quality::Stalled { reason } => format!("stalled, since {}; iteration {} of {} was taken (cost {}", reason_words(reason), s.best_iteration, patient.iterations.len(), significant(s.cost, 3)),
+                    })
+                    @if let Some(first) = s.first_converged { @if first != s.best_iteration { ", within the tolerance from iteration " (first) } }
+                    "): " (errors(Step::Step1)) ". "
+                }
+                None if patient.iterations.is_empty() => { "Step 1 has not begun. " }
+                None => { "Step 1 has not ended. " }
+            }
+            @if let Some(fit) = &patient.cell_fit {
+                "Step 2 " (if fit.result.converged { "converged" } else { "ended without converging" })
+                " after " (fit.result.evaluations) " cell evaluations in " (fit.result.generations) " generations (cost " (significant(fit.result.cost, 3))
+                @if !fit.result.unreachable_targets.is_empty() { ", not all targets are reachable" } ")"
+                @if patient.verification.is_some() {
+                    "; in the organ: " (errors(Step::Step2))
+                    @if let Some(cost) = patient.verification_cost { ", cost " (significant(cost, 3)) }
+                }
+                "."
+            }
+        }
+    }
+}
+
+/// Why a simulated trace is missing.
+fn why_no_beat(patient: &PatientRecord) -> String {
+    match (&patient.failure, patient.iterations.is_empty()) {
+        (Some(failure), true) => {
+            format!("No simulation: {} failed before step 1 ({}).", patient.plan.id, failure.message)
+        }
+        (Some(failure), false) => format!("No simulation of this patient succeeded: {}.", failure.message),
+        (None, _) => "No simulation has finished yet.".to_owned(),
+    }
+}
+
+/// Sentences on what is not drawn, and why.
+fn missing(patient: &PatientRecord, signals: &Signals) -> Vec<String> {
+    let mut sentences = Vec::new();
+    let has = |source, kind| signals.get(source, kind).is_some();
+    let step0 = &patient.plan.step0;
+    if step0.pressure.is_none() {
+        sentences.push(
+            "No measured pressure trace: biomarkers were given directly, so only simulated traces are drawn."
+                .to_owned(),
+        );
+    }
+    if step0.volume.is_none() {
+        sentences.push(
+            "Pressure only: without a measured volume the valves stay at their first guess, and volume biomarkers have nothing to be compared with."
+                .to_owned(),
+        );
+    }
+    if !has(Source::Step1, SignalKind::Pressure) {
+        sentences.push(why_no_beat(patient));
+    } else if !has(Source::Step2, SignalKind::Pressure) {
+        sentences.push(match (&patient.verification, &patient.failure) {
+            (Some(_), _) => "The verification beat left no traces.".to_owned(),
+            (None, Some(failure)) => format!("No verification beat: {}.", failure.message),
+            (None, None) if !patient.plan.settings.verification.enabled => {
+                "The verification beat is switched off.".to_owned()
+            }
+            (None, None) => "The verification beat has not run yet.".to_owned(),
+        });
+    }
+    sentences
+}
+
+fn flags(patient: &PatientRecord, signals: &Signals) -> Markup {
+    let view = PatientView(patient);
+    let mut notes: Vec<(&str, Markup)> = Vec::new();
+    if let Some(failure) = &patient.failure {
+        notes.push((
+            "bad",
+            html! {
+                b { (failure.class.as_str()) " failure: " } (failure.message) "."
+                @if let Some(remedy) = &failure.remedy { " What to do: " (remedy) "." }
+            },
+        ));
+    }
+    for iteration in &patient.iterations {
+        if let Some(failure) = &iteration.failure {
+            notes.push((
+                "warn",
+                html! {
+                    b { "step 1, iteration " (iteration.number) " failed: " } (failure.message) "."
+                    @if let Some(remedy) = &failure.remedy { " What to do: " (remedy) "." }
+                },
+            ));
+        }
+    }
+    for (what, step) in [("step 1", Step::Step1), ("verification", Step::Step2)] {
+        if let Some(beat) = view.beat(step) {
+            notes.extend(tables::failed_checks(what, &beat.result).into_iter().map(|m| ("bad", m)));
+            notes.extend(beat.result.remarks.iter().map(|r| ("quiet", html! { b { (what) ": " } (r) })));
+        }
+    }
+    if let Some(step0) = &patient.step0 {
+        notes.extend(step0.result.estimates.iter().map(|e| {
+            let text = html! { b { "estimated: " } code { (e.key) } " = " (significant(e.value, 4)) ", " (e.method) };
+            ("warn", text)
+        }));
+        if let Some(error) = step0.result.diastasis_volume_error_ml {
+            let text = html! { b { "step 0: " } "volume at the diastasis pressure minus measured diastasis volume: " (fixed(Some(error), 1)) " mL" };
+            notes.push(("quiet", text));
+        }
+        notes.extend(step0.result.remarks.iter().map(|r| ("quiet", html! { b { "step 0: " } (r) })));
+    }
+    if let Some(fit) = &patient.cell_fit {
+        notes.extend(
+            fit.result
+                .unreachable_targets
+                .iter()
+                .map(|t| ("warn", html! { b { "step 2, target not reachable: " } (t) })),
+        );
+    }
+    notes.extend(signals.problems.iter().map(|p| ("warn", html! { b { "file: " } (p) })));
+    html! {
+        @if !notes.is_empty() {
+            ul.notes {
+                @for (class, text) in notes {
+                    li class=(class) { span.sign aria-hidden="true" { (match class { "bad" => "✕", "warn" => "▲", _ => "·" }) } span { (text) } }
+                }
+            }
+        }
+    }
+}
+
+fn beat(patient: &PatientRecord, signals: &Signals) -> Markup {
+    let drawn: Vec<_> = [Source::Measured, Source::Step1, Source::Step2]
+        .into_iter()
+        .filter(|s| signals.get(*s, SignalKind::Pressure).or(signals.get(*s, SignalKind::Volume)).is_some())
+        .map(|s| (s.name(), line_name(s, patient)))
+        .chain(
+            signals
+                .get(Source::Step1, SignalKind::AorticPressure)
+                .map(|_| ("aortic", "aortic pressure, step 1".to_owned())),
+        )
+        .collect();
+    let none = Markup::default();
+    let no_volume = "No volume to draw: none was measured, and no simulation left one.";
+    html! {
+        h3 { "Beat" }
+        @if !drawn.is_empty() { (legend(&drawn)) }
+        @for sentence in missing(patient, signals) { p.absent { (sentence) } }
+        div.figures {
+            (figure("Pressure", figures::pressure(patient, signals), "No pressure trace to draw.", &none))
+            (figure("Volume", figures::volume(patient, signals), no_volume, &html! { span.quiet { (figures::gap_words(patient).unwrap_or_default()) } }))
+            (figure("Pressure-volume loop", figures::pv_loop(patient, signals), no_volume, &html! { span.quiet { ": ● begins, × ends" } }))
+            @if let Some(chart) = figures::flows(patient, signals) {
+                (figure("Valve flows", Some(chart), "", &none))
+            }
+        }
+    }
+}
+
+fn step1(patient: &PatientRecord) -> Markup {
+    let parameters = convergence::parameters(patient);
+    html! {
+        @if !parameters.is_empty() {
+            h3 { "Step 1: convergence" }
+            p.quiet {
+                "Each simulation's parameters relative to the first guess, on one logarithmic axis; the band marks the iterate that was taken"
+                @if patient.iterations.iter().any(|i| i.failure.is_some()) { ", × a simulation that failed" } "."
+            }
+            div.figures.small {
+                (figure("Cost", convergence::cost(patient), "No simulation has a cost yet.", &Markup::default()))
+                @for (key, chart) in parameters {
+                    figure { figcaption { b { (symbol(key)) } } (chart.render()) }
+                }
+            }
+        }
+    }
+}
+
+fn cell(patient: &PatientRecord, signals: &Signals) -> Markup {
+    if patient.targets.is_none() && patient.cell_fit.is_none() {
+        return html! {
+            h3 { "Step 2: cell" }
+            p.absent {
+                @if patient.failure.is_some() { "Step 2 did not run, since the patient failed before." } @else { "Step 2 has not run yet." }
+            }
+        };
+    }
+    let evolution = convergence::evolution(patient);
+    let absent = evolution.as_ref().err().cloned().unwrap_or_default();
+    let median_calcium = signals.get(Source::Step1, SignalKind::Calcium).is_some();
+    let note = html! { @if !median_calcium { span.quiet { ": fitted cell alone, the Tanh model has none" } } };
+    html! {
+        h3 { "Step 2: cell" }
+        (legend(&[
+            (Source::Step1.name(), figures::cell_line_name(true).to_owned()),
+            (Source::Step2.name(), figures::cell_line_name(false).to_owned()),
+        ]))
+        div.figures {
+            (figure("Active stress", figures::cell(patient, signals, SignalKind::ActiveStress), "No active stress was recorded.", &Markup::default()))
+            (figure("Calcium", figures::cell(patient, signals, SignalKind::Calcium), "No calcium was recorded: step 2 has not finished.", &note))
+            (figure("Fibre stretch", figures::cell(patient, signals, SignalKind::Stretch), "No stretch was recorded.", &Markup::default()))
+            (figure("Differential evolution", evolution.ok(), &absent, &html! { span.quiet { ": best cost, and population mean (thin)" } }))
+        }
+    }
+}
+
+/// The section of a patient; `heading` is `h1` on a page of its own.
+#[must_use]
+pub fn section(patient: &PatientRecord, signals: &Signals) -> Markup {
+    let (class, sign, words) = standing(patient);
+    html! {
+        section.patient id={ "p-" (patient.plan.id) } {
+            header {
+                h2 { (patient.plan.id) }
+                span class={ "badge " (class) } { (sign) " " (words) }
+                span.quiet { "cycle " (significant(patient.plan.step0.cycle_length_ms, 4)) " ms" }
+                span.quiet { "computed in " (duration(PatientView(patient).wall_s())) }
+            }
+            (summary(patient))
+            (flags(patient, signals))
+            (beat(patient, signals))
+            (step1(patient))
+            (cell(patient, signals))
+            h3 { "Numbers" }
+            div.tables {
+                (tables::biomarkers(patient))
+                @if let Some(table) = tables::step1_parameters(patient) { (table) }
+                @if let Some(fit) = &patient.cell_fit {
+                    (tables::cell_parameters(&fit.result))
+                    (tables::cell_fit(&fit.result))
+                }
+                @if let Some(table) = tables::passive_and_loads(patient) { (table) }
+            }
+            (provenance::details(patient))
+        }
+    }
+}

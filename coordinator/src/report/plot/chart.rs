@@ -1,0 +1,349 @@
+//! One chart: axes, lines, marks.
+
+use std::fmt::Write as _;
+
+use maud::{Markup, PreEscaped, html};
+
+use super::scale::Scale;
+use super::simplify::simplify;
+
+/// Lines move by less than this when points are left out, in units of the view box (about a pixel).
+const SIMPLIFY: f64 = 0.12;
+
+/// Text with an optional subscript: τ and `SR,ref`.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct SvgText {
+    /// On the line.
+    pub text: String,
+    /// Below it.
+    pub sub: String,
+    /// After it.
+    pub after: String,
+}
+
+impl From<&str> for SvgText {
+    fn from(text: &str) -> Self {
+        Self { text: text.to_owned(), ..Self::default() }
+    }
+}
+
+impl SvgText {
+    fn spans(&self) -> Markup {
+        html! {
+            (self.text)
+            @if !self.sub.is_empty() { tspan dy="3" font-size="78%" { (self.sub) } }
+            @if !self.after.is_empty() { tspan dy=[(!self.sub.is_empty()).then_some("-3")] { (self.after) } }
+        }
+    }
+
+    fn plain(&self) -> String {
+        let joint = if self.sub.is_empty() { "" } else { "_" };
+        format!("{}{joint}{}{}", self.text, self.sub, self.after)
+    }
+}
+
+/// An axis.
+#[derive(Debug, Clone)]
+pub struct Axis {
+    /// Title with unit.
+    pub title: SvgText,
+    /// Range.
+    pub scale: Scale,
+    /// About so many ticks.
+    pub ticks: usize,
+    /// Ticks at these places instead.
+    pub fixed: Option<Vec<(f64, String)>>,
+    /// Unit after a value that is read off.
+    pub unit: &'static str,
+}
+
+impl Axis {
+    /// An axis with about five ticks.
+    #[must_use]
+    pub fn new(title: impl Into<SvgText>, unit: &'static str, scale: Scale) -> Self {
+        Self { title: title.into(), scale, ticks: 5, fixed: None, unit }
+    }
+
+    fn tick_places(&self) -> Vec<(f64, String)> {
+        self.fixed.clone().unwrap_or_else(|| self.scale.ticks(self.ticks))
+    }
+}
+
+/// A line.
+#[derive(Debug, Clone)]
+pub struct Series {
+    /// Class in the style sheet: colour and dash pattern.
+    pub class: &'static str,
+    /// Name on hover.
+    pub name: String,
+    /// Data.
+    pub points: Vec<(f64, f64)>,
+    /// A dot at each point.
+    pub dots: bool,
+}
+
+/// What stands beside the lines.
+#[derive(Debug, Clone)]
+pub enum Mark {
+    /// A dot (or cross) with a title and, where given, a label at an offset.
+    Point { x: f64, y: f64, class: &'static str, title: String, label: Option<(SvgText, f64, f64)> },
+    /// A cross.
+    Cross { x: f64, y: f64, class: &'static str, title: String },
+    /// A line across at `y`, with a label at its right end, so far below it (above where negative).
+    Across { y: f64, class: &'static str, label: Option<(SvgText, f64)> },
+    /// A line up at `x`.
+    Up { x: f64, class: &'static str },
+    /// A line between two places.
+    Segment { from: (f64, f64), to: (f64, f64), class: &'static str, label: Option<SvgText> },
+}
+
+impl Mark {
+    /// Rules and bands across the plot lie behind the lines.
+    fn is_behind(&self) -> bool {
+        matches!(self, Self::Across { .. } | Self::Up { .. })
+    }
+}
+
+/// How values are read off on hover.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Reading {
+    /// Each line at the pointer's x.
+    AtX,
+    /// The nearest point of any line.
+    Nearest,
+    /// Not at all: marks carry titles.
+    Off,
+}
+
+/// A chart.
+#[derive(Debug, Clone)]
+pub struct Chart {
+    /// What a screen reader says.
+    pub alt: String,
+    /// View box.
+    pub size: (f64, f64),
+    /// Room left, right, top, bottom of the plot area.
+    pub margins: [f64; 4],
+    /// Across.
+    pub x: Axis,
+    /// Up.
+    pub y: Axis,
+    /// Lines, the last on top.
+    pub series: Vec<Series>,
+    /// Points, crosses and segments on top of the lines, the rest behind.
+    pub marks: Vec<Mark>,
+    /// Hover.
+    pub reading: Reading,
+}
+
+impl Chart {
+    /// A chart of the usual size.
+    #[must_use]
+    pub fn new(alt: impl Into<String>, x: Axis, y: Axis) -> Self {
+        Self {
+            alt: alt.into(),
+            size: (440.0, 290.0),
+            margins: [54.0, 14.0, 12.0, 44.0],
+            x,
+            y,
+            series: Vec::new(),
+            marks: Vec::new(),
+            reading: Reading::AtX,
+        }
+    }
+
+    fn area(&self) -> [f64; 4] {
+        let [left, right, top, bottom] = self.margins;
+        [left, self.size.0 - right, top, self.size.1 - bottom]
+    }
+
+    fn place(&self, x: f64, y: f64) -> Option<(f64, f64)> {
+        let [x0, x1, y0, y1] = self.area();
+        Some((x0 + self.x.scale.fraction(x)? * (x1 - x0), y1 - self.y.scale.fraction(y)? * (y1 - y0)))
+    }
+
+    /// The chart as SVG.
+    #[must_use]
+    pub fn render(&self) -> Markup {
+        let [x0, x1, y0, y1] = self.area();
+        let reading = match self.reading {
+            Reading::AtX => Some("x"),
+            Reading::Nearest => Some("near"),
+            Reading::Off => None,
+        };
+        html! {
+            svg.plot viewBox={ "0 0 " (self.size.0) " " (self.size.1) } role="img" aria-label=(self.alt)
+                data-area={ (x0) "," (x1) "," (y0) "," (y1) }
+                data-read=[reading]
+                data-x=[reading.map(|_| ends(&self.x))] data-y=[reading.map(|_| ends(&self.y))] {
+                (self.axes())
+                @for mark in self.marks.iter().filter(|m| m.is_behind()) { (self.mark(mark)) }
+                @for series in &self.series { (self.line(series)) }
+                @for mark in self.marks.iter().filter(|m| !m.is_behind()) { (self.mark(mark)) }
+            }
+        }
+    }
+
+    fn axes(&self) -> Markup {
+        let [x0, x1, y0, y1] = self.area();
+        let middle = (y0 + y1) / 2.0;
+        html! {
+            g.grid {
+                @for (value, _) in self.y.tick_places() {
+                    @if let Some((_, y)) = self.place(self.x.scale.ends().0, value) {
+                        path d={ "M" (n(x0)) " " (n(y)) "H" (n(x1)) } {}
+                    }
+                }
+            }
+            path.axis d={ "M" (n(x0)) " " (n(y0)) "V" (n(y1)) "H" (n(x1)) } {}
+            g.ticks {
+                @for (value, label) in self.x.tick_places() {
+                    @if let Some((x, _)) = self.place(value, self.y.scale.ends().0) {
+                        path.axis d={ "M" (n(x)) " " (n(y1)) "v4" } {}
+                        text x=(n(x)) y=(n(y1 + 17.0)) text-anchor="middle" { (label) }
+                    }
+                }
+                @for (value, label) in self.y.tick_places() {
+                    @if let Some((_, y)) = self.place(self.x.scale.ends().0, value) {
+                        text x=(n(x0 - 7.0)) y=(n(y + 4.0)) text-anchor="end" { (label) }
+                    }
+                }
+            }
+            @if !self.x.title.text.is_empty() {
+                text.title x=(n((x0 + x1) / 2.0)) y=(n(self.size.1 - 7.0)) text-anchor="middle" { (self.x.title.spans()) }
+            }
+            @if !self.y.title.text.is_empty() {
+                text.title transform={ "translate(13 " (n(middle)) ") rotate(-90)" } text-anchor="middle" { (self.y.title.spans()) }
+            }
+        }
+    }
+
+    fn line(&self, series: &Series) -> Markup {
+        let placed: Vec<_> = series.points.iter().filter_map(|(x, y)| self.place(*x, *y)).collect();
+        let line = if series.dots { placed.clone() } else { simplify(&placed, SIMPLIFY) };
+        html! {
+            path class={ "line " (series.class) } d=(path_data(&line)) data-name=(series.name) { title { (series.name) } }
+            @if series.dots {
+                @for ((px, py), (x, y)) in std::iter::zip(&placed, &series.points) {
+                    circle class={ "dot " (series.class) } cx=(n(*px)) cy=(n(*py)) r="3.2" {
+                        title { (series.name) ", " (self.x.title.plain()) " " (x) ": " (short(*y)) " " (self.y.unit) }
+                    }
+                }
+            }
+        }
+    }
+
+    fn mark(&self, mark: &Mark) -> Markup {
+        let [x0, x1, y0, y1] = self.area();
+        match mark {
+            Mark::Point { x, y, class, title, label } => self.place(*x, *y).map_or_else(Markup::default, |(px, py)| {
+                html! {
+                    circle class={ "mark " (class) } cx=(n(px)) cy=(n(py)) r="3.6" { title { (title) } }
+                    @if let Some((text, dx, dy)) = label {
+                        text.label x=(n(px + dx)) y=(n(py + dy)) text-anchor="middle" { (text.spans()) }
+                    }
+                }
+            }),
+            Mark::Cross { x, y, class, title } => self.place(*x, *y).map_or_else(Markup::default, |(px, py)| {
+                html! {
+                    path class={ "cross " (class) } d={ "M" (n(px - 4.0)) " " (n(py - 4.0)) "l8 8m0-8l-8 8" } { title { (title) } }
+                }
+            }),
+            Mark::Across { y, class, label } => self.place(self.x.scale.ends().0, *y).map_or_else(Markup::default, |(_, py)| {
+                html! {
+                    path class={ "rule " (class) } d={ "M" (n(x0)) " " (n(py)) "H" (n(x1)) } {}
+                    @if let Some((text, dy)) = label { text.label.quiet x=(n(x1 - 2.0)) y=(n(py + dy)) text-anchor="end" { (text.spans()) } }
+                }
+            }),
+            Mark::Up { x, class } => self.place(*x, self.y.scale.ends().0).map_or_else(Markup::default, |(px, _)| {
+                html! { path class={ "rule " (class) } d={ "M" (n(px)) " " (n(y0)) "V" (n(y1)) } {} }
+            }),
+            Mark::Segment { from, to, class, label } => {
+                let (Some(a), Some(b)) = (self.place(from.0, from.1), self.place(to.0, to.1)) else {
+                    return Markup::default();
+                };
+                html! {
+                    path class={ "rule " (class) } d={ "M" (n(a.0)) " " (n(a.1)) "L" (n(b.0)) " " (n(b.1)) } {}
+                    @if let Some(text) = label {
+                        text.label.quiet x=(n((a.0 + b.0) / 2.0)) y=(n((a.1 + b.1) / 2.0 - 5.0)) text-anchor="middle" { (text.spans()) }
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// First value, last value, `log` or `lin`, unit: what the script needs to read values off.
+fn ends(axis: &Axis) -> String {
+    let (lo, hi, log) = axis.scale.ends();
+    format!("{lo},{hi},{},{}", if log { "log" } else { "lin" }, axis.unit)
+}
+
+/// A coordinate: a tenth of a pixel is enough.
+fn n(value: f64) -> PreEscaped<String> {
+    PreEscaped(number(value))
+}
+
+fn number(value: f64) -> String {
+    let rounded = (value * 10.0).round() / 10.0;
+    if rounded == 0.0 { "0".to_owned() } else { format!("{rounded}") }
+}
+
+fn path_data(points: &[(f64, f64)]) -> String {
+    let mut data = String::with_capacity(points.len() * 11);
+    for (i, (x, y)) in points.iter().enumerate() {
+        let _ = write!(data, "{}{} {}", if i == 0 { "M" } else { "L" }, number(*x), number(*y));
+    }
+    data
+}
+
+/// Four significant digits, for titles.
+fn short(value: f64) -> String {
+    crate::report::format::significant(value, 4)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_line_lies_inside_its_area_and_names_are_escaped() {
+        let mut chart = Chart::new(
+            "a < b",
+            Axis::new("time (ms)", "ms", Scale::exact(0.0, 100.0)),
+            Axis::new("pressure (mmHg)", "mmHg", Scale::linear([0.0, 120.0], true).unwrap()),
+        );
+        chart.series.push(Series {
+            class: "measured",
+            name: "<script>".into(),
+            points: (0..=100).map(|i| (f64::from(i), 120.0 * (f64::from(i) / 30.0).sin().abs())).collect(),
+            dots: false,
+        });
+        let svg = chart.render().into_string();
+        assert!(svg.contains("&lt;script&gt;") && !svg.contains("<script>"));
+        let [x0, x1, y0, y1] = chart.area();
+        let d = svg.split("class=\"line measured\" d=\"").nth(1).unwrap().split('"').next().unwrap();
+        let points: Vec<f64> = d.split(['M', 'L', ' ']).filter(|t| !t.is_empty()).map(|t| t.parse().unwrap()).collect();
+        assert!(points.len() > 20);
+        for xy in points.chunks(2) {
+            assert!(xy[0] >= x0 && xy[0] <= x1 && xy[1] >= y0 && xy[1] <= y1, "{xy:?}");
+        }
+    }
+
+    #[test]
+    fn a_value_without_a_place_on_a_logarithmic_axis_is_left_out() {
+        let mut chart = Chart::new(
+            "cost",
+            Axis::new("iteration", "", Scale::exact(1.0, 3.0)),
+            Axis::new("cost", "", Scale::log([0.1, 1.0], 2.0).unwrap()),
+        );
+        chart.series.push(Series {
+            class: "step1",
+            name: "cost".into(),
+            points: vec![(1.0, 1.0), (2.0, 0.0), (3.0, 0.1)],
+            dots: true,
+        });
+        let svg = chart.render().into_string();
+        assert!(!svg.contains("NaN") && !svg.contains("inf"), "{svg}");
+    }
+}

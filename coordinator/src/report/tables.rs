@@ -1,0 +1,298 @@
+//! Tables of a patient.
+
+use std::collections::BTreeMap;
+
+use cardiotwin_schemas::biomarkers::CellBiomarkers;
+use cardiotwin_schemas::organ::OrganSpec;
+use cardiotwin_schemas::outcome::{CellFitResult, FittedParameter, OrganBeatResult};
+use cardiotwin_schemas::record::PatientRecord;
+use cardiotwin_schemas::settings::STEP1_PARAMETERS;
+use maud::{Markup, html};
+
+use super::format::{Label, fixed, percent, significant, symbol};
+use crate::results::comparison::relative_difference;
+use crate::results::{Biomarker, PatientView, Step};
+
+/// Relative distance to a bound below which a value sits on it.
+const ON_BOUND: f64 = 1e-3;
+
+/// A table that scrolls by itself on a narrow screen.
+#[must_use]
+pub fn scrolling(table: &Markup) -> Markup {
+    html! { div.scroll tabindex="0" { (table) } }
+}
+
+/// The unit of a key, in a quiet voice.
+fn unit(key: &str) -> Markup {
+    let unit = Label::of(key).map_or("", |l| l.unit);
+    html! { td.unit { (unit) } }
+}
+
+/// A signed difference in percent, shaded by its size: colour never alone, the number stands in it.
+fn difference(share: Option<f64>) -> Markup {
+    let class = match share.map(f64::abs) {
+        Some(d) if d > 0.25 => "num diff far",
+        Some(d) if d > 0.10 => "num diff off",
+        _ => "num diff",
+    };
+    html! { td class=(class) { (percent(share)) } }
+}
+
+/// Biomarkers: measured, step 1, step 2.
+#[must_use]
+pub fn biomarkers(patient: &PatientRecord) -> Markup {
+    let view = PatientView(patient);
+    let (measured, step1, step2) = (view.measured(), view.simulated(Step::Step1), view.simulated(Step::Step2));
+    let rows = Biomarker::ALL.into_iter().filter_map(|b| {
+        let values = [b.of(measured), step1.and_then(|s| b.of(s)), step2.and_then(|s| b.of(s))];
+        values.iter().any(Option::is_some).then_some((b, values))
+    });
+    scrolling(&html! {
+        table {
+            caption { "Biomarkers" }
+            thead { tr {
+                th scope="col" { "" } th.unit scope="col" { "unit" }
+                th scope="col" { "measured" } th scope="col" { "step 1" } th scope="col" { "difference, %" }
+                th scope="col" { "step 2" } th scope="col" { "difference, %" }
+            } }
+            tbody {
+                @for (b, [measured, step1, step2]) in rows {
+                    tr {
+                        th scope="row" { (symbol(b.key())) } (unit(b.key()))
+                        td.num { (digits(b, measured)) }
+                        td.num { (digits(b, step1)) }
+                        (difference(step1.zip(measured).and_then(|(s, m)| relative_difference(s, m))))
+                        td.num { (digits(b, step2)) }
+                        (difference(step2.zip(measured).and_then(|(s, m)| relative_difference(s, m))))
+                    }
+                }
+            }
+        }
+    })
+}
+
+fn digits(biomarker: Biomarker, value: Option<f64>) -> String {
+    let rate = matches!(biomarker, Biomarker::DpdtMax | Biomarker::DpdtMin);
+    fixed(value, if rate { 3 } else { 1 })
+}
+
+/// Where a value lies between its bounds: a bar, and words where it sits on one.
+fn bounds(value: f64, lower: f64, upper: f64, at_bound: bool, log: bool) -> Markup {
+    let share = if log && lower > 0.0 {
+        (value / lower).ln() / (upper / lower).ln()
+    } else {
+        (value - lower) / (upper - lower)
+    };
+    let share = share.clamp(0.0, 1.0);
+    let word = if !at_bound {
+        ""
+    } else if share < 0.5 {
+        "on the lower bound"
+    } else {
+        "on the upper bound"
+    };
+    html! {
+        td.num { (significant(lower, 3)) }
+        td.bar {
+            svg viewBox="0 0 100 10" role="img" aria-label={ (fixed(Some(100.0 * share), 0)) " % of the way between the bounds" } {
+                path.axis d="M4 5H96M4 2V8M96 2V8" {}
+                circle class=(if at_bound { "mark bound" } else { "mark inner" }) cx=(format!("{:.1}", 4.0 + 92.0 * share)) cy="5" r="3.4" {}
+            }
+        }
+        td.num { (significant(upper, 3)) }
+        td.flag { (word) }
+    }
+}
+
+fn on_bound(value: f64, [lower, upper]: [f64; 2]) -> bool {
+    (value - lower).abs() <= ON_BOUND * lower.abs() || (value - upper).abs() <= ON_BOUND * upper.abs()
+}
+
+/// Parameters that step 1 personalised.
+#[must_use]
+pub fn step1_parameters(patient: &PatientRecord) -> Option<Markup> {
+    let settings = &patient.plan.settings.step1;
+    let taken = match &patient.step1 {
+        Some(summary) => summary.parameters,
+        None => PatientView(patient).best_iteration()?.parameters,
+    };
+    let first = patient.iterations.first().map(|i| i.parameters.updated());
+    Some(scrolling(&html! {
+        table {
+            caption { "Step 1: Tanh model and valves" }
+            thead { tr {
+                th scope="col" { "" } th.unit scope="col" { "unit" } th scope="col" { "first guess" } th scope="col" { "personalised" }
+                th scope="col" { "lower" } th scope="col" { "between" } th scope="col" { "upper" } th scope="col" { "" }
+            } }
+            tbody {
+                @for (k, (key, value)) in std::iter::zip(STEP1_PARAMETERS, taken.updated()).enumerate() {
+                    tr {
+                        th scope="row" { (symbol(key)) @if settings.frozen.iter().any(|f| f == key) { " (frozen)" } } (unit(key))
+                        td.num { (first.map_or_else(String::new, |f| significant(f[k], 4))) }
+                        td.num { b { (significant(value, 4)) } }
+                        @match settings.bounds.get(key) {
+                            Some(range) => (bounds(value, range[0], range[1], on_bound(value, *range), true)),
+                            None => { td {} td {} td {} td {} }
+                        }
+                    }
+                }
+            }
+        }
+    }))
+}
+
+/// Parameters of the fitted cell.
+#[must_use]
+pub fn cell_parameters(fit: &CellFitResult) -> Markup {
+    let row = |p: &FittedParameter| {
+        html! {
+            tr {
+                th scope="row" { (symbol(&p.name)) } (unit(&p.name))
+                td.num { b { (significant(p.value, 4)) } }
+                (bounds(p.value, p.lower, p.upper, p.at_bound, false))
+            }
+        }
+    };
+    let on_bounds = fit.parameters.iter().filter(|p| p.at_bound).count();
+    scrolling(&html! {
+        table {
+            caption {
+                "Step 2: Land and Rice models"
+                @if on_bounds > 0 { span.quiet { ", " (on_bounds) " of " (fit.parameters.len()) " on a bound" } }
+            }
+            thead { tr {
+                th scope="col" { "" } th.unit scope="col" { "unit" } th scope="col" { "fitted" }
+                th scope="col" { "lower" } th scope="col" { "between" } th scope="col" { "upper" } th scope="col" { "" }
+            } }
+            tbody { @for p in &fit.parameters { (row(p)) } }
+        }
+    })
+}
+
+fn cell_biomarkers(b: &CellBiomarkers) -> [(&'static str, f64, usize); 6] {
+    [
+        ("Sa_max_kPa", b.sa_max_kpa, 2),
+        ("dSadt_max_kPa_per_ms", b.dsadt_max_kpa_per_ms, 3),
+        ("STD30_ms", b.std30_ms, 1),
+        ("STD50_ms", b.std50_ms, 1),
+        ("STD90_ms", b.std90_ms, 1),
+        ("lambda_min", b.lambda_min, 4),
+    ]
+}
+
+/// Step 2's targets against what the fit reached, with the terms of its cost.
+#[must_use]
+pub fn cell_fit(fit: &CellFitResult) -> Markup {
+    let others: BTreeMap<_, _> = fit
+        .cost_terms
+        .iter()
+        .filter(|(name, value)| cell_biomarkers(&fit.targets).iter().all(|(key, ..)| key != name) && **value > 0.0)
+        .collect();
+    scrolling(&html! {
+        table {
+            caption { "Step 2: targets" span.quiet { ", cost " (significant(fit.cost, 3)) } }
+            thead { tr {
+                th scope="col" { "" } th.unit scope="col" { "unit" } th scope="col" { "target" } th scope="col" { "reached" }
+                th scope="col" { "difference, %" } th scope="col" { "cost term" }
+            } }
+            tbody {
+                @for ((key, target, decimals), (_, reached, _)) in std::iter::zip(cell_biomarkers(&fit.targets), cell_biomarkers(&fit.reached)) {
+                    tr {
+                        th scope="row" { (symbol(key)) } (unit(key))
+                        td.num { (fixed(Some(target), decimals)) } td.num { (fixed(Some(reached), decimals)) }
+                        (difference(relative_difference(reached, target)))
+                        td.num { @if let Some(term) = fit.cost_terms.get(key) { (significant(*term, 2)) } }
+                    }
+                }
+                @for (name, value) in others {
+                    tr { th scope="row" colspan="5" { (name.replace('_', " ")) } td.num { (significant(*value, 2)) } }
+                }
+            }
+        }
+    })
+}
+
+/// What step 0 fitted or took over: passive state and loads.
+#[must_use]
+pub fn passive_and_loads(patient: &PatientRecord) -> Option<Markup> {
+    let result = &patient.step0.as_ref()?.result;
+    let load = &result.circulation;
+    let OrganSpec::Reduced { passive, activation } = &result.organ;
+    let rows = [
+        ("wall volume", passive.wall_volume_ml, "mL", "wall_volume_mL"),
+        ("unloaded volume", passive.unloaded_volume_ml, "mL", "unloaded_volume_mL"),
+        ("end-diastolic volume", passive.end_diastolic_volume_ml, "mL", "end_diastolic_volume_mL"),
+        ("end-diastolic pressure", passive.end_diastolic_pressure_mmhg, "mmHg", "end_diastolic_pressure_mmHg"),
+        ("passive stiffness", passive.stiffness_kpa, "kPa", "stiffness_kPa"),
+        ("passive exponent", passive.exponent, "", "passive_exponent"),
+        ("activation onset", activation.onset_ms, "ms", "onset_ms"),
+        ("activation spread", activation.spread_ms, "ms", "spread_ms"),
+        ("left atrial pressure", load.left_atrial_pressure_mmhg, "mmHg", "left_atrial_pressure_mmHg"),
+        (
+            "characteristic resistance",
+            load.afterload.characteristic_resistance_mmhg_s_per_ml,
+            "mmHg·s/mL",
+            "characteristic_resistance_mmHg_s_per_mL",
+        ),
+        (
+            "peripheral resistance",
+            load.afterload.peripheral_resistance_mmhg_s_per_ml,
+            "mmHg·s/mL",
+            "peripheral_resistance_mmHg_s_per_mL",
+        ),
+        ("compliance", load.afterload.compliance_ml_per_mmhg, "mL/mmHg", "compliance_mL_per_mmHg"),
+        (
+            "Windkessel pressure at the start",
+            load.initial_windkessel_pressure_mmhg,
+            "mmHg",
+            "initial_windkessel_pressure_mmHg",
+        ),
+    ];
+    // Keys of estimates may carry their table, as in `afterload.compliance_mL_per_mmHg`, or name a whole table.
+    let estimated = |key: &str| {
+        result.estimates.iter().any(|e| {
+            let last = e.key.rsplit('.').next().unwrap_or_default();
+            last == key
+                || (last == "afterload"
+                    && key.contains("_mL")
+                    && (key.contains("resistance") || key.contains("compliance")))
+        })
+    };
+    Some(scrolling(&html! {
+        table {
+            caption { "Step 0: passive state and loads" }
+            tbody {
+                @for (name, value, unit, key) in rows {
+                    tr {
+                        th scope="row" title=(key) { (name) }
+                        td.num { (significant(value, 4)) } td.unit { (unit) }
+                        td.flag { @if estimated(key) { "estimated" } }
+                    }
+                }
+                @for effect in &load.effects {
+                    tr { th scope="row" { "effect: " (effect.name) } td.num {} td.unit {} td.flag { "accepted" } }
+                }
+            }
+        }
+    }))
+}
+
+/// Checks of the science that did not hold, of a simulation.
+#[must_use]
+pub fn failed_checks(what: &str, beat: &OrganBeatResult) -> Vec<Markup> {
+    let failed = beat.checks.iter().filter(|c| !c.passed);
+    failed
+        .map(|c| html! { b { (what) ": " (c.name) } " does not hold: found " (c.found) ", expected " (c.expected) "." })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_value_on_a_bound_is_told_from_one_beside_it() {
+        assert!(on_bound(1e-4, [1e-4, 1.0]) && on_bound(1.0005, [1e-4, 1.0]) && on_bound(-1.2, [-3.6, -1.2]));
+        assert!(!on_bound(1.1e-4, [1e-4, 1.0]) && !on_bound(0.5, [1e-4, 1.0]));
+    }
+}

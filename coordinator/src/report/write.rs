@@ -1,0 +1,164 @@
+//! Which files the report is made of.
+
+use std::collections::HashSet;
+use std::io;
+use std::path::{Path, PathBuf};
+
+use cardiotwin_schemas::record::{PatientRecord, RunRecord};
+use maud::{Markup, html};
+
+use super::{cohort, figures, page, patient};
+use crate::results::{Signals, atomic};
+
+/// Up to so many patients go into one file.
+pub const ONE_FILE: usize = 50;
+/// So many small pressure plots at most.
+const TILES: usize = 60;
+
+/// A report that could not be written.
+#[derive(Debug, thiserror::Error)]
+pub enum ReportError {
+    /// The folder for the patients' pages.
+    #[error("cannot create {folder} for the patients' pages")]
+    Folder {
+        /// The folder.
+        folder: PathBuf,
+        /// The cause.
+        source: io::Error,
+    },
+    /// A page.
+    #[error("cannot write {file}")]
+    Write {
+        /// The file.
+        file: PathBuf,
+        /// The cause.
+        source: io::Error,
+    },
+}
+
+/// What was written.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ReportPaths {
+    /// To be opened first.
+    pub main: PathBuf,
+    /// A page per patient, in the cohort's order; empty where all are in one file.
+    pub patients: Vec<PathBuf>,
+}
+
+/// Writes the report of a run to `out` (`report.html`): one file up to [`ONE_FILE`] patients, else an index, with the
+/// patients' pages in a folder beside it (`report-patients/`). Artefacts that cannot be read are named in the report.
+///
+/// # Errors
+/// [`ReportError`] when a file cannot be written. Each file is written atomically, the index last.
+pub fn write_report(run: &RunRecord, out: &Path) -> Result<ReportPaths, ReportError> {
+    if run.patients.len() <= ONE_FILE { one_file(run, out) } else { index(run, out) }
+}
+
+fn one_file(run: &RunRecord, out: &Path) -> Result<ReportPaths, ReportError> {
+    let link = |p: &PatientRecord| format!("#p-{}", p.plan.id);
+    let top = run.patients.iter().map(figures::top_pressure).fold(1.0, f64::max);
+    let mut tiles = Vec::new();
+    let mut sections = Vec::new();
+    for p in &run.patients {
+        let signals = Signals::read(p);
+        if let Some(chart) = figures::small_pressure(p, &signals, top) {
+            tiles.push((p.plan.id.to_string(), link(p), chart.render()));
+        }
+        sections.push(patient::section(p, &signals));
+    }
+    let content = html! {
+        (overview(run, &link, &tiles, 0))
+        @for section in &sections { (section) }
+    };
+    let nav = page::nav(run, "#top", &run.patients, &link);
+    write(out, &page::page(&format!("{} · cardiotwin", run.cohort), &nav, &content))?;
+    Ok(ReportPaths { main: out.to_owned(), patients: Vec::new() })
+}
+
+fn index(run: &RunRecord, out: &Path) -> Result<ReportPaths, ReportError> {
+    let stem = out.file_stem().unwrap_or_default().to_string_lossy();
+    let folder_name = format!("{stem}-patients");
+    let folder = out.with_file_name(&folder_name);
+    std::fs::create_dir_all(&folder).map_err(|source| ReportError::Folder { folder: folder.clone(), source })?;
+    let names: Vec<String> = file_names(&run.patients);
+    let of: std::collections::HashMap<&str, &str> =
+        std::iter::zip(&run.patients, &names).map(|(p, name)| (p.plan.id.as_str(), name.as_str())).collect();
+    let from_index = |p: &PatientRecord| format!("{folder_name}/{}", of[p.plan.id.as_str()]);
+    let home = format!("../{}", out.file_name().unwrap_or_default().to_string_lossy());
+
+    let shown = most_telling(&run.patients, TILES);
+    let top = run.patients.iter().map(figures::top_pressure).fold(1.0, f64::max);
+    let mut tiles = Vec::new();
+    let mut written = Vec::new();
+    for (i, p) in run.patients.iter().enumerate() {
+        let signals = Signals::read(p);
+        if shown.contains(&i)
+            && let Some(chart) = figures::small_pressure(p, &signals, top)
+        {
+            tiles.push((p.plan.id.to_string(), from_index(p), chart.render()));
+        }
+        // Neighbours alone: with every patient in every page's navigation a cohort's size would count squared.
+        let near = &run.patients[i.saturating_sub(12)..run.patients.len().min(i + 13)];
+        let nav = page::nav(run, &home, near, &|p| of[p.plan.id.as_str()].to_owned());
+        let title = format!("{} · {} · cardiotwin", p.plan.id, run.cohort);
+        let file = folder.join(&names[i]);
+        write(&file, &page::page(&title, &nav, &patient::section(p, &signals)))?;
+        written.push(file);
+    }
+    let left_out = run.patients.len() - tiles.len();
+    let content = overview(run, &from_index, &tiles, left_out);
+    let unfinished: Vec<PatientRecord> = shown.iter().take(ONE_FILE).map(|i| run.patients[*i].clone()).collect();
+    let nav = page::nav(run, "#top", &unfinished, &from_index);
+    write(out, &page::page(&format!("{} · cardiotwin", run.cohort), &nav, &content))?;
+    Ok(ReportPaths { main: out.to_owned(), patients: written })
+}
+
+fn overview(run: &RunRecord, link: cohort::Link, tiles: &[(String, String, Markup)], left_out: usize) -> Markup {
+    html! {
+        div id="top" {}
+        (cohort::header(run))
+        @if run.patients.is_empty() { p.absent { "This run has no patients." } }
+        @else {
+            (cohort::against_the_paper(run))
+            h2 id="patients" { "Patients" }
+            (cohort::table(run, link))
+            @if !tiles.is_empty() { (cohort::small_multiples(tiles, left_out)) }
+        }
+    }
+}
+
+fn write(file: &Path, page: &Markup) -> Result<(), ReportError> {
+    atomic::replace(file, |out| out.write_all(page.0.as_bytes()))
+        .map_err(|source| ReportError::Write { file: file.to_owned(), source })
+}
+
+/// Patients that one wants to see first: failures, then the largest costs of step 1; in the cohort's order.
+fn most_telling(patients: &[PatientRecord], n: usize) -> Vec<usize> {
+    let mut order: Vec<usize> = (0..patients.len()).collect();
+    let cost = |i: &usize| patients[*i].step1.as_ref().map_or(f64::NEG_INFINITY, |s| s.cost);
+    order.sort_by(|a, b| {
+        let failed = |i: &usize| patients[*i].failure.is_some();
+        failed(b).cmp(&failed(a)).then(cost(b).total_cmp(&cost(a)))
+    });
+    order.truncate(n);
+    order.sort_unstable();
+    order
+}
+
+/// A file name per patient: the id with what a file system or an address might mind replaced; distinct.
+fn file_names(patients: &[PatientRecord]) -> Vec<String> {
+    let mut taken = HashSet::new();
+    let names = patients.iter().map(|p| {
+        let plain = |c: char| if c.is_ascii_alphanumeric() || "-_.".contains(c) { c } else { '_' };
+        let base: String = p.plan.id.as_str().chars().map(plain).collect();
+        let mut name = format!("{base}.html");
+        let mut k = 2;
+        // Case is folded: on some file systems P1 and p1 are one file.
+        while !taken.insert(name.to_lowercase()) {
+            name = format!("{base}-{k}.html");
+            k += 1;
+        }
+        name
+    });
+    names.collect()
+}

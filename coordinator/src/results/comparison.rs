@@ -1,0 +1,227 @@
+//! Simulated against measured: relative differences, means over the cohort, and the paper's means beside them.
+
+use cardiotwin_schemas::biomarkers::Biomarkers;
+use cardiotwin_schemas::outcome::OrganBeatResult;
+use cardiotwin_schemas::provenance::Provenance;
+use cardiotwin_schemas::record::{IterationRecord, PatientRecord, Step1Quality, TaskRecord};
+
+/// A stage whose beat is compared with the measured one.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Step {
+    /// The iterate that was taken.
+    Step1,
+    /// The first iterate within the tolerance: the paper's stopping rule.
+    Step1FirstConverged,
+    /// The verification beat.
+    Step2,
+}
+
+macro_rules! biomarkers {
+    ($($(#[$doc:meta])* $kind:ident $field:ident $key:literal $unit:literal;)*) => {
+        /// A biomarker of pressure or volume.
+        #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+        pub enum Biomarker { $($(#[$doc])* $kind,)* }
+
+        impl Biomarker {
+            /// Its value.
+            #[must_use]
+            pub fn of(self, values: &Biomarkers) -> Option<f64> {
+                match self { $(Self::$kind => values.$field,)* }
+            }
+
+            /// Key with unit, as in files.
+            #[must_use]
+            pub fn key(self) -> &'static str {
+                match self { $(Self::$kind => $key,)* }
+            }
+
+            /// Unit for a person.
+            #[must_use]
+            pub fn unit(self) -> &'static str {
+                match self { $(Self::$kind => $unit,)* }
+            }
+        }
+    };
+}
+
+biomarkers! {
+    /// Peak pressure.
+    PMax p_max_mmhg "P_max_mmHg" "mmHg";
+    /// Largest pressure rate.
+    DpdtMax dpdt_max_mmhg_per_ms "dPdt_max_mmHg_per_ms" "mmHg/ms";
+    /// Smallest pressure rate.
+    DpdtMin dpdt_min_mmhg_per_ms "dPdt_min_mmHg_per_ms" "mmHg/ms";
+    /// Pressure transient duration.
+    Ptd90 ptd90_ms "PTD90_ms" "ms";
+    /// Stroke volume.
+    Sv sv_ml "SV_mL" "mL";
+    /// Time constant of ejection.
+    TauVd tau_vd_ms "tau_VD_ms" "ms";
+    /// Time constant of filling.
+    TauVr tau_vr_ms "tau_VR_ms" "ms";
+    /// End-diastolic volume.
+    Edv edv_ml "EDV_mL" "mL";
+    /// End-systolic volume.
+    Esv esv_ml "ESV_mL" "mL";
+    /// End-diastolic pressure.
+    Edp edp_mmhg "EDP_mmHg" "mmHg";
+    /// What the beat's end leaves open.
+    EndOfBeatGap end_of_beat_gap_ml "end_of_beat_gap_mL" "mL";
+}
+
+impl Biomarker {
+    /// The five of the paper's Table 2, in its order.
+    pub const TABLE_2: [Self; 5] = [Self::PMax, Self::DpdtMax, Self::DpdtMin, Self::Ptd90, Self::Sv];
+    /// All, in the order of tables.
+    pub const ALL: [Self; 11] = [
+        Self::PMax,
+        Self::DpdtMax,
+        Self::DpdtMin,
+        Self::Ptd90,
+        Self::Sv,
+        Self::TauVd,
+        Self::TauVr,
+        Self::Edv,
+        Self::Esv,
+        Self::Edp,
+        Self::EndOfBeatGap,
+    ];
+    /// Mean relative differences that Jung et al. 2022 report for step 1, percent, in the order of [`Self::TABLE_2`].
+    pub const PAPER_STEP1_PERCENT: [f64; 5] = [5.4, 13.6, 7.7, 1.4, 10.0];
+    /// The same for step 2.
+    pub const PAPER_STEP2_PERCENT: [f64; 5] = [5.5, 22.5, 39.9, 2.9, 11.1];
+}
+
+/// (simulated − measured) / measured.
+#[must_use]
+pub fn relative_difference(simulated: f64, measured: f64) -> Option<f64> {
+    let difference = (simulated - measured) / measured;
+    difference.is_finite().then_some(difference)
+}
+
+/// Mean and standard deviation of a sample.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct MeanSd {
+    /// Mean.
+    pub mean: f64,
+    /// Standard deviation with n − 1; absent for one value.
+    pub sd: Option<f64>,
+    /// Number of values.
+    pub n: usize,
+}
+
+impl MeanSd {
+    /// Of the values that are there; `None` without any.
+    #[must_use]
+    pub fn of(values: impl IntoIterator<Item = Option<f64>>) -> Option<Self> {
+        let values: Vec<f64> = values.into_iter().flatten().filter(|v| v.is_finite()).collect();
+        let n = values.len();
+        if n == 0 {
+            return None;
+        }
+        let mean = values.iter().sum::<f64>() / n as f64;
+        let sd = (n > 1).then(|| (values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / (n - 1) as f64).sqrt());
+        // Equal values spread by the mean's last bit: that is zero.
+        let sd = sd.map(|sd| if sd < 1e-14 * mean.abs() { 0.0 } else { sd });
+        Some(Self { mean, sd, n })
+    }
+}
+
+/// Questions that one asks of a patient's record.
+#[derive(Debug, Clone, Copy)]
+pub struct PatientView<'a>(pub &'a PatientRecord);
+
+impl<'a> PatientView<'a> {
+    /// The iterate that step 1 took; before it ended, the best so far.
+    #[must_use]
+    pub fn best_iteration(self) -> Option<&'a IterationRecord> {
+        let iterations = &self.0.iterations;
+        match &self.0.step1 {
+            Some(summary) => iterations.iter().find(|i| i.number == summary.best_iteration),
+            None => iterations
+                .iter()
+                .filter(|i| i.run.is_some() && i.cost.is_some_and(f64::is_finite))
+                .min_by(|a, b| a.cost.unwrap_or(f64::INFINITY).total_cmp(&b.cost.unwrap_or(f64::INFINITY))),
+        }
+    }
+
+    /// The simulation that stands for a step.
+    #[must_use]
+    pub fn beat(self, step: Step) -> Option<&'a TaskRecord<OrganBeatResult>> {
+        match step {
+            Step::Step1 => self.best_iteration()?.run.as_ref(),
+            Step::Step1FirstConverged => {
+                let first = self.0.step1.as_ref()?.first_converged?;
+                self.0.iterations.iter().find(|i| i.number == first)?.run.as_ref()
+            }
+            Step::Step2 => self.0.verification.as_ref(),
+        }
+    }
+
+    /// Measured biomarkers: from the traces once step 0 has read them, else as they were given.
+    #[must_use]
+    pub fn measured(self) -> &'a Biomarkers {
+        self.0.step0.as_ref().map_or(&self.0.plan.step0.biomarkers, |r| &r.result.measured)
+    }
+
+    /// Simulated biomarkers of a step.
+    #[must_use]
+    pub fn simulated(self, step: Step) -> Option<&'a Biomarkers> {
+        self.beat(step).map(|r| &r.result.biomarkers)
+    }
+
+    /// Relative difference of one biomarker, signed; 0.1 is 10 %.
+    #[must_use]
+    pub fn relative_difference(self, step: Step, biomarker: Biomarker) -> Option<f64> {
+        relative_difference(biomarker.of(self.simulated(step)?)?, biomarker.of(self.measured())?)
+    }
+
+    /// Whether step 1's result is within the tolerance.
+    #[must_use]
+    pub fn step1_converged(self) -> bool {
+        self.0.step1.as_ref().is_some_and(|s| s.quality == Step1Quality::Converged)
+    }
+
+    /// Provenance of every published task, with a name for each, in the order of the workflow.
+    #[must_use]
+    pub fn tasks(self) -> Vec<(String, &'a str, u32, &'a Provenance)> {
+        fn entry<'a, T>(name: &str, record: &'a TaskRecord<T>) -> (String, &'a str, u32, &'a Provenance) {
+            (name.to_owned(), record.key.as_str(), record.generation, &record.provenance)
+        }
+        let mut tasks = Vec::new();
+        tasks.extend(self.0.step0.as_ref().map(|r| entry("step 0", r)));
+        for iteration in &self.0.iterations {
+            tasks.extend(iteration.run.as_ref().map(|r| entry(&format!("step 1, iteration {}", iteration.number), r)));
+        }
+        tasks.extend(self.0.targets.as_ref().map(|r| entry("targets", r)));
+        tasks.extend(self.0.cell_fit.as_ref().map(|r| entry("step 2", r)));
+        tasks.extend(self.0.verification.as_ref().map(|r| entry("verification", r)));
+        tasks
+    }
+
+    /// Wall time of all published tasks, seconds.
+    #[must_use]
+    pub fn wall_s(self) -> f64 {
+        self.tasks().iter().map(|(_, _, _, p)| p.wall_s).sum()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sd_is_that_of_a_sample() {
+        let found = MeanSd::of([Some(2.0), None, Some(4.0), Some(f64::NAN), Some(9.0)]).unwrap();
+        assert_eq!((found.mean, found.n), (5.0, 3));
+        assert!((found.sd.unwrap() - 13.0_f64.sqrt()).abs() < 1e-12);
+        assert_eq!(MeanSd::of([Some(3.0)]), Some(MeanSd { mean: 3.0, sd: None, n: 1 }));
+        assert_eq!(MeanSd::of([None]), None);
+    }
+
+    #[test]
+    fn differences_keep_their_sign_and_zero_is_no_reference() {
+        assert_eq!(relative_difference(-1.5, -2.0), Some(-0.25));
+        assert_eq!(relative_difference(1.0, 0.0), None);
+    }
+}

@@ -1,0 +1,162 @@
+//! The traces behind a patient's record, read from the measured files and the artefacts.
+
+use std::path::Path;
+
+use cardiotwin_schemas::record::PatientRecord;
+
+use super::columns::Columns;
+use super::comparison::PatientView;
+
+/// Whose trace it is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Source {
+    /// The clinic's.
+    Measured,
+    /// Step 1, the iterate that was taken (active stress, calcium, stretch: medians over its nodes).
+    Step1,
+    /// Step 2: the verification beat (active stress, calcium, stretch: the fitted cell).
+    Step2,
+}
+
+impl Source {
+    /// As in files.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Measured => "measured",
+            Self::Step1 => "step1",
+            Self::Step2 => "step2",
+        }
+    }
+}
+
+macro_rules! kinds {
+    ($($kind:ident $name:literal $column:literal $unit:literal;)*) => {
+        /// What a trace shows.
+        #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+        pub enum SignalKind {
+            $(#[doc = concat!("`", $column, "`")] $kind,)*
+        }
+
+        impl SignalKind {
+            /// As in files, without unit.
+            #[must_use]
+            pub fn name(self) -> &'static str {
+                match self { $(Self::$kind => $name,)* }
+            }
+
+            /// Column of the artefact.
+            #[must_use]
+            pub fn column(self) -> &'static str {
+                match self { $(Self::$kind => $column,)* }
+            }
+
+            /// Unit as in files; `1` is dimensionless.
+            #[must_use]
+            pub fn unit(self) -> &'static str {
+                match self { $(Self::$kind => $unit,)* }
+            }
+        }
+    };
+}
+
+kinds! {
+    Pressure "pressure" "pressure_mmHg" "mmHg";
+    Volume "volume" "volume_mL" "mL";
+    AorticPressure "aortic_pressure" "aortic_pressure_mmHg" "mmHg";
+    AorticFlow "aortic_flow" "aortic_flow_mL_per_s" "mL/s";
+    MitralFlow "mitral_flow" "mitral_flow_mL_per_s" "mL/s";
+    ActiveStress "active_stress" "Sa_kPa" "kPa";
+    Calcium "calcium" "Ca_uM" "uM";
+    Stretch "stretch" "lambda" "1";
+}
+
+const BEAT: [SignalKind; 5] = [
+    SignalKind::Pressure,
+    SignalKind::Volume,
+    SignalKind::AorticPressure,
+    SignalKind::AorticFlow,
+    SignalKind::MitralFlow,
+];
+const CELL: [SignalKind; 3] = [SignalKind::ActiveStress, SignalKind::Calcium, SignalKind::Stretch];
+
+/// One trace: time in ms from the beat's start, and the value.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Signal {
+    /// Whose.
+    pub source: Source,
+    /// What.
+    pub kind: SignalKind,
+    /// Samples in order of time.
+    pub points: Vec<(f64, f64)>,
+}
+
+/// Everything that could be read, and what could not.
+#[derive(Debug, Clone, Default)]
+pub struct Signals {
+    /// Traces.
+    pub all: Vec<Signal>,
+    /// One sentence per file that is recorded, but cannot be used.
+    pub problems: Vec<String>,
+}
+
+impl Signals {
+    /// Reads what the record points to. A file that is not recorded is not missed; one that is recorded and cannot be
+    /// read becomes a problem, not an error: the rest of the patient is still worth showing.
+    #[must_use]
+    pub fn read(patient: &PatientRecord) -> Self {
+        let mut signals = Self::default();
+        let step0 = &patient.plan.step0;
+        if let Some(input) = &step0.pressure {
+            signals.add(Source::Measured, &input.path, &[SignalKind::Pressure]);
+        }
+        if let Some(input) = &step0.volume {
+            signals.add(Source::Measured, &input.path, &[SignalKind::Volume]);
+        }
+        let step1 =
+            PatientView(patient).best_iteration().and_then(|i| i.run.as_ref()).and_then(|r| r.artefact("traces"));
+        let parts = [
+            (Source::Step1, step1, &BEAT[..]),
+            (Source::Step2, patient.verification.as_ref().and_then(|r| r.artefact("traces")), &BEAT[..]),
+            (Source::Step1, patient.targets.as_ref().and_then(|r| r.artefact("median")), &CELL[..]),
+            (Source::Step2, patient.cell_fit.as_ref().and_then(|r| r.artefact("cell")), &CELL[..]),
+        ];
+        for (source, file, kinds) in parts {
+            if let Some(file) = file {
+                signals.add(source, &file, kinds);
+            }
+        }
+        signals
+    }
+
+    fn add(&mut self, source: Source, file: &Path, kinds: &[SignalKind]) {
+        match Columns::read(file) {
+            Err(error) => self.problems.push(error.to_string()),
+            Ok(columns) => {
+                for kind in kinds {
+                    match columns.pairs("time_ms", kind.column()) {
+                        Some(points) => self.all.push(Signal { source, kind: *kind, points }),
+                        None if matches!(
+                            kind,
+                            SignalKind::Pressure | SignalKind::ActiveStress | SignalKind::Stretch
+                        ) =>
+                        {
+                            self.problems.push(format!(
+                                "{} has no usable columns `time_ms` and `{}`",
+                                file.display(),
+                                kind.column()
+                            ));
+                        }
+                        None => {} // calcium under Tanh, volume of a pressure-only patient: absent by nature
+                    }
+                }
+            }
+        }
+    }
+
+    /// Samples of a trace.
+    #[must_use]
+    pub fn get(&self, source: Source, kind: SignalKind) -> Option<&[(f64, f64)]> {
+        self.all.iter().find(|s| s.source == source && s.kind == kind).map(|s| s.points.as_slice())
+    }
+}

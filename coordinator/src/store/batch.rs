@@ -1,0 +1,176 @@
+//! A batch of transitions: rows of every table, committed as one transaction.
+//!
+//! Each table's rows travel as one JSON array into one statement, so that a commit of a thousand transitions costs the
+//! same ten statements as a commit of one.
+
+use serde::Serialize;
+
+use super::{StoreError, attempts, events, outbox, patients, steps, tasks};
+
+/// Rows of one statement.
+#[derive(Debug, Default)]
+pub(super) struct Rows {
+    text: String,
+    pub(super) count: usize,
+}
+
+impl Rows {
+    pub(super) fn push<T: Serialize>(&mut self, row: &T) {
+        self.text.push(if self.count == 0 { '[' } else { ',' });
+        self.text.push_str(&serde_json::to_string(row).expect("rows are plain structs: they are JSON"));
+        self.count += 1;
+    }
+
+    /// The rows as a JSON array; `None` where there are none.
+    pub(super) fn take(&mut self) -> Option<(String, usize)> {
+        if self.count == 0 {
+            return None;
+        }
+        let mut text = std::mem::take(&mut self.text);
+        text.push(']');
+        Some((text, std::mem::take(&mut self.count)))
+    }
+}
+
+/// Everything that one commit changes.
+#[derive(Debug, Default)]
+pub struct Batch {
+    pub(super) new_patients: Rows,
+    pub(super) patients: Rows,
+    pub(super) plans: Rows,
+    pub(super) chains: Rows,
+    pub(super) new_tasks: Rows,
+    pub(super) tasks: Rows,
+    pub(super) steps: Rows,
+    pub(super) new_attempts: Rows,
+    pub(super) attempts: Rows,
+    pub(super) events: Rows,
+    pub(super) outbox: Rows,
+    pub(super) done: Vec<i64>,
+}
+
+impl Batch {
+    /// Whether there is nothing to commit.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        let rows = [
+            &self.new_patients,
+            &self.patients,
+            &self.plans,
+            &self.chains,
+            &self.new_tasks,
+            &self.tasks,
+            &self.steps,
+            &self.new_attempts,
+            &self.attempts,
+            &self.events,
+            &self.outbox,
+        ];
+        rows.iter().all(|rows| rows.count == 0) && self.done.is_empty()
+    }
+
+    /// A patient that the store does not know yet.
+    pub fn insert_patient(&mut self, row: &patients::PatientRow) {
+        self.new_patients.push(row);
+    }
+
+    /// A patient whose row changed; `row.version` is the one that stands in the store, which becomes one higher.
+    pub fn update_patient(&mut self, row: &patients::PatientRow) {
+        self.patients.push(row);
+    }
+
+    /// What a patient's plan is made of, new or changed.
+    pub fn put_plan(&mut self, row: &patients::PlanRow) {
+        self.plans.push(row);
+    }
+
+    /// A patient's chain changed.
+    pub fn update_chain(&mut self, row: &patients::ChainRow<'_>) {
+        self.chains.push(row);
+    }
+
+    /// A task that the store does not know yet.
+    pub fn insert_task(&mut self, row: &tasks::NewTask<'_>) {
+        self.new_tasks.push(row);
+    }
+
+    /// A task whose state changed; guarded as patients are.
+    pub fn update_task(&mut self, row: &tasks::TaskChange<'_>) {
+        self.tasks.push(row);
+    }
+
+    /// A step of a patient's chain is (now) this task.
+    pub fn append_step(&mut self, row: &steps::StepRow<'_>) {
+        self.steps.push(row);
+    }
+
+    /// A new attempt.
+    pub fn insert_attempt(&mut self, row: &attempts::NewAttempt<'_>) {
+        self.new_attempts.push(row);
+    }
+
+    /// An attempt whose state changed; guarded as patients are.
+    pub fn update_attempt(&mut self, row: &attempts::AttemptChange<'_>) {
+        self.attempts.push(row);
+    }
+
+    /// A line of the log.
+    pub fn append_event(&mut self, row: &events::NewEvent<'_>) {
+        self.events.push(row);
+    }
+
+    /// An action to be done after the commit.
+    pub fn put_action(&mut self, row: &outbox::NewAction<'_>) {
+        self.outbox.push(row);
+    }
+
+    /// Actions that were done.
+    pub fn actions_done(&mut self, ids: impl IntoIterator<Item = i64>) {
+        self.done.extend(ids);
+    }
+
+    /// The statements of this batch in the order that foreign keys ask for, each with its rows and its guard.
+    pub(super) fn statements(&mut self) -> Vec<Statement> {
+        let mut statements = Vec::new();
+        let mut add = |rows: &mut Rows, sql: &'static str, guard: Option<&'static str>| {
+            if let Some((json, count)) = rows.take() {
+                statements.push(Statement { sql, json, guard: guard.map(|table| (table, count)) });
+            }
+        };
+        add(&mut self.new_patients, patients::INSERT, None);
+        add(&mut self.patients, patients::UPDATE, Some("patients"));
+        add(&mut self.plans, patients::PUT_PLAN, None);
+        add(&mut self.chains, patients::UPDATE_CHAIN, Some("plans"));
+        add(&mut self.new_tasks, tasks::INSERT, None);
+        add(&mut self.tasks, tasks::UPDATE, Some("tasks"));
+        add(&mut self.steps, steps::INSERT, None);
+        add(&mut self.new_attempts, attempts::INSERT, None);
+        add(&mut self.attempts, attempts::UPDATE, Some("attempts"));
+        add(&mut self.events, events::INSERT, None);
+        add(&mut self.outbox, outbox::INSERT, None);
+        if !self.done.is_empty() {
+            let json = serde_json::to_string(&std::mem::take(&mut self.done)).expect("numbers are JSON");
+            statements.push(Statement { sql: outbox::DONE, json, guard: None });
+        }
+        statements
+    }
+}
+
+/// One statement with all its rows.
+pub(super) struct Statement {
+    pub(super) sql: &'static str,
+    pub(super) json: String,
+    /// Table and number of rows that must have changed.
+    pub(super) guard: Option<(&'static str, usize)>,
+}
+
+impl Statement {
+    pub(super) fn check(&self, changed: u64) -> Result<(), StoreError> {
+        match self.guard {
+            Some((table, expected)) if changed != expected as u64 => {
+                Err(StoreError::Guard { table, expected, changed })
+            }
+            _ => Ok(()),
+        }
+    }
+}

@@ -1,0 +1,130 @@
+//! One coordinator at a time: an OS lock on `coordinator.lock`, whose text names the holder. The lock ends with the
+//! process however it ends; the text may be stale, the lock cannot.
+
+use std::fs::{File, OpenOptions, TryLockError};
+use std::io::{self, Read, Seek, Write};
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use serde::{Deserialize, Serialize};
+
+use crate::clock;
+
+/// File name inside the run directory.
+pub const LOCK_FILE: &str = "coordinator.lock";
+
+/// Who holds (or last held) a run.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct LockHolder {
+    /// Host name.
+    pub host: String,
+    /// Process id.
+    pub pid: u32,
+    /// UTC, RFC 3339.
+    pub since: String,
+}
+
+impl std::fmt::Display for LockHolder {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "process {} on {} since {}", self.pid, self.host, self.since)
+    }
+}
+
+/// Why the lock could not be had.
+#[derive(Debug, thiserror::Error)]
+pub enum LockError {
+    /// Another coordinator runs.
+    #[error("{dir} is being worked on by {holder}; watch it with `cardiotwin status`, or stop that process first")]
+    Held {
+        /// The run directory.
+        dir: PathBuf,
+        /// Who.
+        holder: LockHolder,
+    },
+    /// The file system said no.
+    #[error("cannot lock {file}; is the directory writable, and does its file system know locks?")]
+    Io {
+        /// The lock file.
+        file: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
+}
+
+/// The lock; released when dropped, or when the process ends.
+#[derive(Debug)]
+pub struct RunLock {
+    _file: File,
+}
+
+impl RunLock {
+    /// Takes the lock of a run directory.
+    ///
+    /// # Errors
+    /// [`LockError::Held`] naming the holder, [`LockError::Io`] for the rest.
+    pub fn acquire(dir: &Path) -> Result<Self, LockError> {
+        let path = dir.join(LOCK_FILE);
+        let io = |source| LockError::Io { file: path.clone(), source };
+        let mut file =
+            OpenOptions::new().read(true).write(true).create(true).truncate(false).open(&path).map_err(io)?;
+        // Readers take the lock shared for an instant to see whether a coordinator runs: so several tries.
+        for attempt in 0.. {
+            match file.try_lock() {
+                Ok(()) => break,
+                Err(TryLockError::WouldBlock) if attempt < 20 => std::thread::sleep(Duration::from_millis(10)),
+                Err(TryLockError::WouldBlock) => {
+                    let holder = read_holder(&mut file).unwrap_or_else(unnamed);
+                    return Err(LockError::Held { dir: dir.to_owned(), holder });
+                }
+                Err(TryLockError::Error(source)) => return Err(io(source)),
+            }
+        }
+        let holder = LockHolder { host: host_name(), pid: std::process::id(), since: clock::now_utc() };
+        let text = serde_json::to_string(&holder).expect("three plain fields are JSON");
+        file.set_len(0).map_err(io)?;
+        file.rewind().map_err(io)?;
+        file.write_all(text.as_bytes()).map_err(io)?;
+        Ok(Self { _file: file })
+    }
+}
+
+/// Whether a coordinator holds the run now.
+#[must_use]
+pub fn is_held(dir: &Path) -> bool {
+    // A lock taken shared through a read-only handle needs no permission to write.
+    File::open(dir.join(LOCK_FILE)).is_ok_and(|file| matches!(file.try_lock_shared(), Err(TryLockError::WouldBlock)))
+}
+
+fn read_holder(file: &mut File) -> Option<LockHolder> {
+    let mut text = String::new();
+    file.rewind().ok()?;
+    file.read_to_string(&mut text).ok()?;
+    serde_json::from_str(&text).ok()
+}
+
+fn unnamed() -> LockHolder {
+    LockHolder { host: "an unknown host".into(), pid: 0, since: "an unknown time".into() }
+}
+
+/// This machine's name.
+#[must_use]
+pub fn host_name() -> String {
+    rustix::system::uname().nodename().to_string_lossy().into_owned()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_second_coordinator_is_told_who_holds_the_run_and_gets_in_afterwards() {
+        let dir = tempfile::tempdir().unwrap();
+        let first = RunLock::acquire(dir.path()).unwrap();
+        assert!(is_held(dir.path()));
+        let error = RunLock::acquire(dir.path()).unwrap_err();
+        assert!(error.to_string().contains(&format!("process {}", std::process::id())), "{error}");
+        drop(first);
+        assert!(!is_held(dir.path()));
+        RunLock::acquire(dir.path()).unwrap();
+    }
+}

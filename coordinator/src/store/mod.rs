@@ -1,0 +1,28 @@
+//! All SQL: SQLite on a local disk, one writer ([`Writer`]), any number of readers ([`Reader`]).
+//!
+//! One transaction ([`Batch`]) appends the events, updates the rows guarded by their versions, and puts actions in the
+//! outbox. Actions run after the commit; a worker never opens the database.
+
+pub mod attempts;
+mod batch;
+mod error;
+pub mod events;
+pub mod lock;
+mod open;
+pub mod outbox;
+pub mod patients;
+mod reader;
+mod record;
+pub mod steps;
+pub mod tasks;
+#[cfg(test)]
+mod tests;
+mod view;
+mod writer;
+
+pub use batch::Batch;
+pub use error::StoreError;
+pub use open::DATABASE_FILE;
+pub use reader::Reader;
+pub use view::{AttemptRecord, EventRecord, LeafChange, StepExplanation, leaf_changes};
+pub use writer::{Loaded, Writer};

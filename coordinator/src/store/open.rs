@@ -1,0 +1,179 @@
+//! Opening the database: ours or not, which format, whole or damaged; for writing once, for reading anywhere.
+
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use sqlx::sqlite::{SqliteConnectOptions, SqliteConnection, SqliteJournalMode, SqliteSynchronous};
+use sqlx::{ConnectOptions as _, Connection as _};
+
+use super::StoreError;
+
+/// File name inside the run directory.
+pub const DATABASE_FILE: &str = "cardiotwin.db";
+/// `CTWN`: marks the file as ours.
+const APPLICATION_ID: i64 = 1_129_600_846;
+/// The format that this version reads and writes; older ones are brought up to it by `migrations/`.
+pub const FORMAT: i64 = 1;
+
+/// Rows that SQLite's thread may be ahead of whoever reads them: few, and both spend their time waking each other.
+const ROWS_IN_FLIGHT: usize = 4096;
+
+/// The version of this program.
+pub const VERSION: &str = env!("CARGO_PKG_VERSION");
+
+static MIGRATIONS: sqlx::migrate::Migrator = sqlx::migrate!("./migrations");
+
+fn sql<'a>(file: &'a Path, what: &'static str) -> impl Fn(sqlx::Error) -> StoreError + 'a {
+    move |source| StoreError::from_sqlite(file.to_owned(), what, source)
+}
+
+/// Opens the database for its one writer, making it if there is none.
+pub async fn writable(run_dir: &Path) -> Result<SqliteConnection, StoreError> {
+    let file = run_dir.join(DATABASE_FILE);
+    let options = SqliteConnectOptions::new()
+        .filename(&file)
+        .create_if_missing(true)
+        // Every commit is on disk before an action runs: intents are written before they are acted on.
+        .journal_mode(SqliteJournalMode::Wal)
+        .synchronous(SqliteSynchronous::Full)
+        .busy_timeout(Duration::from_secs(10))
+        .foreign_keys(true)
+        .pragma("cache_size", "-65536")
+        .pragma("wal_autocheckpoint", "4000")
+        .row_buffer_size(ROWS_IN_FLIGHT)
+        .disable_statement_logging();
+    // SQLite would open a file that it may not write for reading and fail later, at the first commit.
+    if let Err(source) = std::fs::OpenOptions::new().append(true).create(true).open(&file) {
+        let read_only =
+            matches!(source.kind(), std::io::ErrorKind::PermissionDenied | std::io::ErrorKind::ReadOnlyFilesystem);
+        return Err(match read_only {
+            true => StoreError::ReadOnly { file, source: sqlx::Error::Io(source) },
+            false => StoreError::File { what: "open", file, source },
+        });
+    }
+    let mut connection = options.connect().await.map_err(sql(&file, "opening"))?;
+    let format = recognise(&mut connection, &file).await?;
+    if format > 0 {
+        check(&mut connection, &file).await?;
+    }
+    MIGRATIONS.run(&mut connection).await.map_err(|error| {
+        let source = match error {
+            sqlx::migrate::MigrateError::Execute(source) => source,
+            other => sqlx::Error::Migrate(Box::new(other)),
+        };
+        StoreError::from_sqlite(file.clone(), "bringing it up to date", source)
+    })?;
+    sqlx::query("INSERT INTO meta (key, value) VALUES ('written_by', ?1) ON CONFLICT (key) DO UPDATE SET value = ?1 WHERE value <> ?1")
+        .bind(VERSION)
+        .execute(&mut connection)
+        .await
+        .map_err(sql(&file, "writing"))?;
+    Ok(connection)
+}
+
+/// The file's format; 0 for a new file. Refuses what is not ours and what is newer than we are.
+async fn recognise(connection: &mut SqliteConnection, file: &Path) -> Result<i64, StoreError> {
+    let application: i64 =
+        sqlx::query_scalar("PRAGMA application_id").fetch_one(&mut *connection).await.map_err(sql(file, "reading"))?;
+    let format: i64 =
+        sqlx::query_scalar("PRAGMA user_version").fetch_one(&mut *connection).await.map_err(sql(file, "reading"))?;
+    let tables: i64 = sqlx::query_scalar("SELECT count(*) FROM sqlite_master WHERE name NOT LIKE '\\_sqlx%' ESCAPE '\\' AND name NOT LIKE 'sqlite\\_%' ESCAPE '\\'")
+        .fetch_one(&mut *connection)
+        .await
+        .map_err(sql(file, "reading"))?;
+    if application != APPLICATION_ID && (application != 0 || tables != 0) {
+        let found = format!("SQLite application id {application}, {tables} tables");
+        return Err(StoreError::NotOurs { file: file.to_owned(), found });
+    }
+    if format > FORMAT {
+        let written_by: Option<String> = sqlx::query_scalar("SELECT value FROM meta WHERE key = 'written_by'")
+            .fetch_optional(connection)
+            .await
+            .unwrap_or_default();
+        let written_by = written_by.unwrap_or_else(|| "of an unknown version".into());
+        return Err(StoreError::Newer {
+            file: file.to_owned(),
+            found: format,
+            known: FORMAT,
+            written_by,
+            version: VERSION,
+        });
+    }
+    Ok(format)
+}
+
+/// SQLite's own check of pages and records, without the comparison of indices: milliseconds.
+async fn check(connection: &mut SqliteConnection, file: &Path) -> Result<(), StoreError> {
+    let found: String =
+        sqlx::query_scalar("PRAGMA quick_check(1)").fetch_one(connection).await.map_err(sql(file, "checking"))?;
+    if found == "ok" { Ok(()) } else { Err(StoreError::Corrupted { file: file.to_owned(), found }) }
+}
+
+/// A connection that only reads, and the folder of its private copy where one was needed.
+pub struct ReadOnly {
+    /// The connection.
+    pub connection: SqliteConnection,
+    /// Kept as long as the connection.
+    pub _copy: Option<tempfile::TempDir>,
+}
+
+/// Opens the database for reading: beside a running writer, or where this user may not write.
+///
+/// A database in WAL mode needs its `-shm` file even for reading. Where that can be neither found nor made, nobody who
+/// could write is there to disturb: a file without a log is read as immutable, one with a log from a private copy.
+pub async fn readable(run_dir: &Path) -> Result<ReadOnly, StoreError> {
+    let file = run_dir.join(DATABASE_FILE);
+    if !file.exists() {
+        return Err(StoreError::Missing { file });
+    }
+    let (mut connection, copy) = match connect_to_read(&file, false).await {
+        Ok(connection) => (connection, None),
+        Err(error @ (StoreError::NotOurs { .. } | StoreError::Corrupted { .. })) => return Err(error),
+        Err(_) => {
+            let log = run_dir.join(format!("{DATABASE_FILE}-wal"));
+            if log.metadata().is_ok_and(|m| m.len() > 0) {
+                let copy = private_copy(&file, &log)?;
+                (connect_to_read(&copy.path().join(DATABASE_FILE), false).await?, Some(copy))
+            } else {
+                (connect_to_read(&file, true).await?, None)
+            }
+        }
+    };
+    match recognise(&mut connection, &file).await? {
+        FORMAT => Ok(ReadOnly { connection, _copy: copy }),
+        found => Err(StoreError::Older { file, found, known: FORMAT }),
+    }
+}
+
+async fn connect_to_read(file: &Path, immutable: bool) -> Result<SqliteConnection, StoreError> {
+    let options = SqliteConnectOptions::new()
+        .filename(file)
+        .read_only(true)
+        .immutable(immutable)
+        .busy_timeout(Duration::from_secs(10))
+        .row_buffer_size(ROWS_IN_FLIGHT)
+        .disable_statement_logging();
+    let mut connection = options.connect().await.map_err(sql(file, "opening"))?;
+    // Opening touches nothing: the first read tells.
+    sqlx::query_scalar::<_, i64>("PRAGMA schema_version")
+        .fetch_one(&mut connection)
+        .await
+        .map_err(sql(file, "reading"))?;
+    Ok(connection)
+}
+
+fn private_copy(file: &Path, log: &Path) -> Result<tempfile::TempDir, StoreError> {
+    let failed = |file: &Path| {
+        let file: PathBuf = file.to_owned();
+        move |source| StoreError::File { what: "copy", file, source }
+    };
+    let copy = tempfile::tempdir().map_err(failed(&std::env::temp_dir()))?;
+    std::fs::copy(file, copy.path().join(DATABASE_FILE)).map_err(failed(file))?;
+    std::fs::copy(log, copy.path().join(format!("{DATABASE_FILE}-wal"))).map_err(failed(log))?;
+    Ok(copy)
+}
+
+/// Closes a writer's connection: the log is folded in and removed.
+pub async fn close(connection: SqliteConnection, file: &Path) -> Result<(), StoreError> {
+    connection.close().await.map_err(sql(file, "closing"))
+}

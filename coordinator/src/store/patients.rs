@@ -1,0 +1,132 @@
+//! Tables `patients` (narrow, for `status`) and `plans` (wide).
+
+use cardiotwin_schemas::failure::FailureClass;
+use cardiotwin_schemas::status::PatientStatus;
+use serde::{Deserialize, Serialize};
+
+use crate::machine::chain::Chain;
+use crate::machine::patient::Patient;
+
+/// A row of `patients`.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct PatientRow {
+    /// Identity inside the store.
+    pub id: i64,
+    /// Pseudonym.
+    pub patient: String,
+    /// Place in the cohort.
+    pub position: i64,
+    /// Whether the cohort still has this patient.
+    pub active: bool,
+    /// Guards updates.
+    pub version: i64,
+    /// Where the patient stands.
+    pub state: Patient,
+    /// What tables show.
+    #[serde(flatten)]
+    pub shown: Shown,
+    /// Milliseconds since 1970: since when the state is what it is.
+    pub since_ms: i64,
+}
+
+/// What `status` shows of a patient.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct Shown {
+    /// `waiting`, `running`, `done`, `failed`, `cancelled`, `unknown`.
+    pub word: String,
+    /// `step-0`, …, `done`.
+    pub step: String,
+    /// Iterations of step 1 so far.
+    pub iteration: Option<u32>,
+    /// Their limit.
+    pub max_iterations: Option<u32>,
+    /// Best cost of step 1 so far.
+    pub step1_cost: Option<f64>,
+    /// `converged: iteration 3`, `stalled: best iteration 9`.
+    pub step1_quality: Option<String>,
+    /// Cost of step 2.
+    pub step2_cost: Option<f64>,
+    /// Where failed.
+    pub failure_class: Option<FailureClass>,
+    /// For a person.
+    pub note: String,
+}
+
+impl Shown {
+    /// As the schema has it.
+    #[must_use]
+    pub fn status(self, patient: String, for_s: f64) -> PatientStatus {
+        PatientStatus {
+            patient,
+            step: self.step,
+            state: self.word,
+            iteration: self.iteration.zip(self.max_iterations),
+            step1_cost: self.step1_cost,
+            step1_quality: self.step1_quality,
+            step2_cost: self.step2_cost,
+            for_s,
+            failure_class: self.failure_class,
+            note: self.note,
+        }
+    }
+}
+
+/// A row of `plans`, every column but the id JSON in text.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct PlanRow {
+    /// Whose.
+    pub patient_id: i64,
+    /// As the cohort's files give it.
+    pub given: String,
+    /// What reruns changed.
+    pub overrides: String,
+    /// Step 1's parameters simulated under earlier settings.
+    pub carried: String,
+    /// `given` with `overrides` on top, where there are any.
+    pub plan: Option<String>,
+}
+
+/// The chain of a row of `plans`.
+#[derive(Debug, Serialize)]
+pub struct ChainRow<'a> {
+    /// Whose.
+    pub patient_id: i64,
+    /// As far as it is settled.
+    pub chain: &'a Chain,
+}
+
+pub(super) const INSERT: &str = "
+INSERT INTO patients (id, patient, position, active, version, word, step, iteration, max_iterations, step1_cost,
+                      step1_quality, step2_cost, failure_class, note, since_ms, state)
+SELECT value->>'id', value->>'patient', value->>'position', value->>'active', value->>'version', value->>'word',
+       value->>'step', value->>'iteration', value->>'max_iterations', value->>'step1_cost', value->>'step1_quality',
+       value->>'step2_cost', value->>'failure_class', value->>'note', value->>'since_ms', value->'state'
+FROM json_each(?1)";
+
+pub(super) const UPDATE: &str = "
+UPDATE patients
+SET (position, active, version, word, step, iteration, max_iterations, step1_cost, step1_quality, step2_cost,
+     failure_class, note, since_ms, state)
+  = (value->>'position', value->>'active', patients.version + 1, value->>'word', value->>'step', value->>'iteration',
+     value->>'max_iterations', value->>'step1_cost', value->>'step1_quality', value->>'step2_cost',
+     value->>'failure_class', value->>'note', value->>'since_ms', value->'state')
+FROM json_each(?1) AS new
+WHERE patients.id = (new.value->>'id') AND patients.version = (new.value->>'version')";
+
+pub(super) const PUT_PLAN: &str = "
+INSERT INTO plans (patient_id, given, overrides, carried, plan, chain)
+SELECT value->>'patient_id', value->>'given', value->>'overrides', value->>'carried', value->>'plan', '{}'
+FROM json_each(?1) WHERE true
+ON CONFLICT (patient_id) DO UPDATE
+SET given = excluded.given, overrides = excluded.overrides, carried = excluded.carried, plan = excluded.plan";
+
+pub(super) const UPDATE_CHAIN: &str = "
+UPDATE plans SET chain = new.value->'chain'
+FROM json_each(?1) AS new WHERE plans.patient_id = (new.value->>'patient_id')";
+
+pub(super) const SELECT_ALL: &str = "
+SELECT id, patient, position, active, version, word, step, iteration, max_iterations, step1_cost, step1_quality,
+       step2_cost, failure_class, note, since_ms, state
+FROM patients ORDER BY position, id";
+
+pub(super) const SELECT_PLANS: &str = "SELECT patient_id, given, overrides, carried, plan, chain FROM plans";

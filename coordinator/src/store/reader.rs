@@ -1,0 +1,279 @@
+//! Reading a run without disturbing whoever writes it.
+
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+
+use cardiotwin_schemas::SCHEMA_VERSION;
+use cardiotwin_schemas::cohort::SettingsLayer;
+use cardiotwin_schemas::ids::{PatientId, TaskKey};
+use cardiotwin_schemas::record::{PatientRecord, RunRecord};
+use cardiotwin_schemas::status::{PatientStatus, Status};
+use sqlx::Row as _;
+use sqlx::sqlite::SqliteRow;
+use tokio::sync::Mutex;
+
+use super::open::{DATABASE_FILE, ReadOnly, VERSION};
+use super::patients::PatientRow;
+use super::record::{self, Settled};
+use super::view::{self, AttemptRecord, EventRecord, StepExplanation};
+use super::writer::{parse, patient_row};
+use super::{StoreError, attempts, events, lock, open, patients, steps};
+use crate::clock;
+use crate::machine::chain::Chain;
+use crate::machine::patient::{Stage, Step};
+
+/// A read-only view of a run's database; works while a coordinator writes and where we may not write.
+pub struct Reader {
+    run_dir: PathBuf,
+    database: Mutex<ReadOnly>,
+}
+
+const SETTLED: &str = "
+SELECT tasks.key, tasks.state, tasks.outcome, attempts.directory
+FROM tasks LEFT JOIN attempts ON attempts.task = tasks.key AND attempts.generation = (tasks.state->>'generation')
+WHERE tasks.word IN ('published', 'failed')";
+
+const SETTLED_OF_PATIENT: &str = "
+SELECT tasks.key, tasks.state, tasks.outcome, attempts.directory
+FROM tasks LEFT JOIN attempts ON attempts.task = tasks.key AND attempts.generation = (tasks.state->>'generation')
+WHERE tasks.word IN ('published', 'failed') AND tasks.key IN (SELECT task FROM steps WHERE patient_id = ?1)";
+
+impl Reader {
+    /// Opens the database of a run directory.
+    ///
+    /// # Errors
+    /// [`StoreError`] naming what is wrong with the file.
+    pub async fn open(run_dir: &Path) -> Result<Self, StoreError> {
+        let run_dir = std::path::absolute(run_dir).unwrap_or_else(|_| run_dir.to_owned());
+        let database = open::readable(&run_dir).await?;
+        Ok(Self { run_dir, database: Mutex::new(database) })
+    }
+
+    /// One screen of the run, failures first.
+    ///
+    /// # Errors
+    /// The store's.
+    pub async fn status(&self) -> Result<Status, StoreError> {
+        let now_ms = clock::now_ms();
+        let mut patients: Vec<PatientStatus> =
+            self.active_patients().await?.into_iter().map(|row| status_of(row, now_ms)).collect();
+        // Failures first, then what needs an eye, then what is done; the cohort's order within.
+        patients.sort_by_key(|p| match p.state.as_str() {
+            "failed" => 0,
+            "unknown" => 1,
+            "running" => 2,
+            "waiting" => 3,
+            "cancelled" => 4,
+            _ => 5,
+        });
+        let mut counts = std::collections::BTreeMap::new();
+        for patient in &patients {
+            *counts.entry(patient.state.clone()).or_default() += 1;
+        }
+        Ok(Status {
+            schema_version: SCHEMA_VERSION,
+            cohort: self.meta("cohort").await?,
+            as_of: clock::utc_text(now_ms),
+            coordinator_running: lock::is_held(&self.run_dir),
+            counts,
+            patients,
+        })
+    }
+
+    /// Everything that reports and exports read.
+    ///
+    /// # Errors
+    /// The store's.
+    pub async fn record(&self) -> Result<RunRecord, StoreError> {
+        let settled = self.settled(SETTLED, None).await?;
+        let now_ms = clock::now_ms();
+        let mut wide = HashMap::new();
+        for row in self.rows(patients::SELECT_PLANS, None).await? {
+            wide.insert(row.get::<i64, _>("patient_id"), row);
+        }
+        let mut records = Vec::new();
+        for row in self.active_patients().await? {
+            if let Some(plan) = wide.get(&row.id) {
+                records.push(patient_of(row, plan, &settled, now_ms)?);
+            }
+        }
+        Ok(RunRecord {
+            schema_version: SCHEMA_VERSION,
+            cohort: self.meta("cohort").await?,
+            description: self.meta("description").await?,
+            run_directory: self.run_dir.clone(),
+            as_of: clock::utc_text(now_ms),
+            version: VERSION.to_owned(),
+            patients: records,
+        })
+    }
+
+    /// The same for one patient.
+    ///
+    /// # Errors
+    /// [`StoreError::NoPatient`] and the store's others.
+    pub async fn patient_record(&self, patient: &PatientId) -> Result<PatientRecord, StoreError> {
+        let row = self.find(patient).await?;
+        let settled = self.settled(SETTLED_OF_PATIENT, Some(row.id)).await?;
+        let plan = self.plan_row(row.id).await?;
+        patient_of(row, &plan, &settled, clock::now_ms())
+    }
+
+    /// For each of a patient's tasks in the chain's order: which it is, and what changed against the one before.
+    ///
+    /// # Errors
+    /// As [`Reader::patient_record`].
+    pub async fn explain(&self, patient: &PatientId) -> Result<Vec<StepExplanation>, StoreError> {
+        let id = self.find(patient).await?.id;
+        let mut shared: HashMap<String, Vec<PatientId>> = HashMap::new();
+        for row in self.rows(steps::SELECT_SHARED, Some(id)).await? {
+            shared.entry(row.get(0)).or_default().push(PatientId(row.get(1)));
+        }
+        let mut by_step: std::collections::BTreeMap<Step, Vec<SqliteRow>> = std::collections::BTreeMap::new();
+        for row in self.rows(steps::SELECT_OF_PATIENT, Some(id)).await? {
+            by_step.entry(step_of(&row)?).or_default().push(row);
+        }
+        by_step.into_iter().map(|(step, rows)| view::explanation(step, &rows, &shared)).collect()
+    }
+
+    /// The log, oldest first; of one patient and its tasks, or all.
+    ///
+    /// # Errors
+    /// As [`Reader::patient_record`].
+    pub async fn history(&self, patient: Option<&PatientId>) -> Result<Vec<EventRecord>, StoreError> {
+        let rows = match patient {
+            Some(patient) => self.rows(events::SELECT_OF_PATIENT, Some(self.find(patient).await?.id)).await?,
+            None => self.rows(events::SELECT_ALL, None).await?,
+        };
+        rows.iter()
+            .map(|row| {
+                let (sequence, event): (i64, String) = (row.get("sequence"), row.get("event"));
+                Ok(EventRecord {
+                    sequence,
+                    at: clock::utc_text(row.get("at_ms")),
+                    machine: row.get("machine"),
+                    patient: row.get::<Option<String>, _>("patient").map(PatientId),
+                    task: row.get::<Option<String>, _>("task").map(TaskKey),
+                    generation: row.get("generation"),
+                    event: parse(&event, "events", "event", &sequence)?,
+                })
+            })
+            .collect()
+    }
+
+    /// Every try at every task of a patient, in the chain's order.
+    ///
+    /// # Errors
+    /// As [`Reader::patient_record`].
+    pub async fn attempts(&self, patient: &PatientId) -> Result<Vec<AttemptRecord>, StoreError> {
+        let id = self.find(patient).await?.id;
+        // A task that stood in several steps over time is shown in the last.
+        let mut steps_of_tasks: HashMap<String, Step> = HashMap::new();
+        for row in self.rows(steps::SELECT_OF_PATIENT, Some(id)).await? {
+            steps_of_tasks.insert(row.get("task"), step_of(&row)?);
+        }
+        let mut found = Vec::new();
+        for row in self.rows(attempts::SELECT_OF_PATIENT, Some(id)).await? {
+            let task: String = row.get("task");
+            if let Some(step) = steps_of_tasks.get(&task) {
+                found.push((*step, view::attempt(*step, &row, &self.run_dir)?));
+            }
+        }
+        found.sort_by_key(|(step, attempt)| (*step, attempt.generation));
+        Ok(found.into_iter().map(|(_, attempt)| attempt).collect())
+    }
+
+    /// What reruns changed for a patient: tables of `cohort.toml`, on top of every other layer.
+    ///
+    /// # Errors
+    /// As [`Reader::patient_record`].
+    pub async fn overrides(&self, patient: &PatientId) -> Result<SettingsLayer, StoreError> {
+        let id = self.find(patient).await?.id;
+        let text: String = self.plan_row(id).await?.get("overrides");
+        parse(&text, "plans", "overrides", &patient)
+    }
+
+    /// The run directory, absolute.
+    #[must_use]
+    pub fn run_dir(&self) -> &Path {
+        &self.run_dir
+    }
+
+    async fn rows(&self, sql: &'static str, patient_id: Option<i64>) -> Result<Vec<SqliteRow>, StoreError> {
+        let mut database = self.database.lock().await;
+        let mut query = sqlx::query(sql);
+        if let Some(id) = patient_id {
+            query = query.bind(id);
+        }
+        query
+            .fetch_all(&mut database.connection)
+            .await
+            .map_err(|source| StoreError::from_sqlite(self.run_dir.join(DATABASE_FILE), "reading", source))
+    }
+
+    async fn meta(&self, key: &'static str) -> Result<String, StoreError> {
+        let mut database = self.database.lock().await;
+        let value: Option<String> = sqlx::query_scalar("SELECT value FROM meta WHERE key = ?1")
+            .bind(key)
+            .fetch_optional(&mut database.connection)
+            .await
+            .map_err(|source| StoreError::from_sqlite(self.run_dir.join(DATABASE_FILE), "reading", source))?;
+        Ok(value.unwrap_or_default())
+    }
+
+    async fn active_patients(&self) -> Result<Vec<PatientRow>, StoreError> {
+        let rows = self.rows(patients::SELECT_ALL, None).await?;
+        let all = rows.iter().map(patient_row).collect::<Result<Vec<_>, _>>()?;
+        Ok(all.into_iter().filter(|row| row.active).collect())
+    }
+
+    async fn find(&self, patient: &PatientId) -> Result<PatientRow, StoreError> {
+        let all = self.active_patients().await?;
+        let names: Vec<String> = all.iter().take(20).map(|row| row.patient.clone()).collect();
+        let more = if all.len() > names.len() { ", …" } else { "" };
+        all.into_iter()
+            .find(|row| row.patient == patient.0)
+            .ok_or_else(|| StoreError::NoPatient { patient: patient.clone(), known: names.join(", ") + more })
+    }
+
+    async fn plan_row(&self, id: i64) -> Result<SqliteRow, StoreError> {
+        let mut database = self.database.lock().await;
+        sqlx::query("SELECT patient_id, given, overrides, carried, plan, chain FROM plans WHERE patient_id = ?1")
+            .bind(id)
+            .fetch_one(&mut database.connection)
+            .await
+            .map_err(|source| StoreError::from_sqlite(self.run_dir.join(DATABASE_FILE), "reading", source))
+    }
+
+    async fn settled(&self, sql: &'static str, id: Option<i64>) -> Result<HashMap<TaskKey, Settled>, StoreError> {
+        self.rows(sql, id).await?.iter().map(|row| record::settled(row, &self.run_dir)).collect()
+    }
+}
+
+fn status_of(row: PatientRow, now_ms: i64) -> PatientStatus {
+    let for_s = (now_ms - row.since_ms).max(0) as f64 / 1000.0;
+    row.shown.status(row.patient, for_s)
+}
+
+fn step_of(row: &SqliteRow) -> Result<Step, StoreError> {
+    let stage: String = row.get("stage");
+    let stage: Stage = parse(&format!("\"{stage}\""), "steps", "stage", &stage)?;
+    Ok(Step { stage, number: row.get("number") })
+}
+
+fn patient_of(
+    row: PatientRow,
+    wide: &SqliteRow,
+    settled: &HashMap<TaskKey, Settled>,
+    now_ms: i64,
+) -> Result<PatientRecord, StoreError> {
+    let (plan, chain): (String, String) =
+        (wide.get::<Option<String>, _>("plan").unwrap_or_else(|| wide.get("given")), wide.get("chain"));
+    let plan = parse(&plan, "plans", "plan", &row.patient)?;
+    let chain: Chain = parse(&chain, "plans", "chain", &row.patient)?;
+    let failure = match &row.state {
+        crate::machine::patient::Patient::Failed { failure, .. } => Some(failure.clone()),
+        _ => None,
+    };
+    Ok(record::patient(plan, status_of(row, now_ms), failure, chain, settled))
+}

@@ -1,0 +1,106 @@
+//! From rows to the record that reports, exports and comparisons read.
+
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+
+use cardiotwin_schemas::failure::Failure;
+use cardiotwin_schemas::ids::TaskKey;
+use cardiotwin_schemas::outcome::{Ending, TaskOutcome, TaskResult};
+use cardiotwin_schemas::plan::ResolvedPatient;
+use cardiotwin_schemas::record::{IterationRecord, PatientRecord, TaskRecord};
+use cardiotwin_schemas::status::PatientStatus;
+use sqlx::Row as _;
+use sqlx::sqlite::SqliteRow;
+
+use super::StoreError;
+use super::writer::parse;
+use crate::machine::chain::Chain;
+use crate::machine::task::Task;
+
+/// A settled task as it was read.
+#[derive(Debug)]
+pub(super) struct Settled {
+    state: Task,
+    outcome: Option<TaskOutcome>,
+    directory: PathBuf,
+}
+
+pub(super) fn settled(row: &SqliteRow, run_dir: &Path) -> Result<(TaskKey, Settled), StoreError> {
+    let (key, state): (String, String) = (row.get(0), row.get(1));
+    let state = parse(&state, "tasks", "state", &key)?;
+    let outcome: Option<String> = row.get(2);
+    let outcome = outcome.map(|text| parse(&text, "tasks", "outcome", &key)).transpose()?;
+    let directory: Option<String> = row.get(3);
+    Ok((TaskKey(key), Settled { state, outcome, directory: run_dir.join(directory.unwrap_or_default()) }))
+}
+
+impl Settled {
+    fn record<T>(&self, key: &TaskKey, pick: impl Fn(&TaskResult) -> Option<T>) -> Option<TaskRecord<T>> {
+        let (Task::Published { generation }, Some(outcome)) = (&self.state, &self.outcome) else { return None };
+        let Ending::Succeeded { result } = &outcome.ending else { return None };
+        Some(TaskRecord {
+            key: key.clone(),
+            generation: *generation,
+            directory: self.directory.clone(),
+            artefacts: outcome.artefacts.clone(),
+            provenance: outcome.provenance.clone(),
+            result: pick(result)?,
+        })
+    }
+
+    fn failure(&self) -> Option<Failure> {
+        match &self.state {
+            Task::Failed { failure, .. } => Some(failure.clone()),
+            _ => None,
+        }
+    }
+}
+
+pub(super) fn patient(
+    plan: ResolvedPatient,
+    status: PatientStatus,
+    failure: Option<Failure>,
+    chain: Chain,
+    settled: &HashMap<TaskKey, Settled>,
+) -> PatientRecord {
+    fn find<T>(
+        settled: &HashMap<TaskKey, Settled>,
+        key: Option<&TaskKey>,
+        pick: impl Fn(&TaskResult) -> Option<T>,
+    ) -> Option<TaskRecord<T>> {
+        key.and_then(|key| settled.get(key)?.record(key, pick))
+    }
+    let organ_beat = |result: &TaskResult| match result {
+        TaskResult::OrganBeat(r) => Some(r.clone()),
+        _ => None,
+    };
+    let iterations = chain.iterations.iter().zip(1..).map(|(iteration, number)| IterationRecord {
+        number,
+        parameters: iteration.parameters,
+        run: find(settled, Some(&iteration.task), organ_beat),
+        failure: settled.get(&iteration.task).and_then(Settled::failure),
+        cost: iteration.cost,
+        relative_differences: iteration.relative_differences.clone(),
+    });
+    PatientRecord {
+        step0: find(settled, chain.step0.as_ref(), |result| match result {
+            TaskResult::PassiveState(r) => Some(r.clone()),
+            _ => None,
+        }),
+        iterations: iterations.collect(),
+        targets: find(settled, chain.targets.as_ref(), |result| match result {
+            TaskResult::Targets(r) => Some(r.clone()),
+            _ => None,
+        }),
+        cell_fit: find(settled, chain.cell_fit.as_ref(), |result| match result {
+            TaskResult::CellFit(r) => Some(r.clone()),
+            _ => None,
+        }),
+        verification: find(settled, chain.verification.as_ref(), organ_beat),
+        verification_cost: chain.verification_cost,
+        step1: chain.step1,
+        plan,
+        status,
+        failure,
+    }
+}

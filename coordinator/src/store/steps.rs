@@ -1,0 +1,41 @@
+//! Table `steps`: which task a step of a patient's chain is, and was before.
+
+use serde::Serialize;
+
+use crate::machine::patient::Stage;
+
+/// A new row.
+#[derive(Debug, Serialize)]
+pub struct StepRow<'a> {
+    /// Whose chain.
+    pub patient_id: i64,
+    /// Where in it.
+    pub stage: Stage,
+    /// Which of the stage's tasks, from 1.
+    pub number: u32,
+    /// The task.
+    pub task: &'a str,
+    /// Milliseconds since 1970.
+    pub at_ms: i64,
+}
+
+pub(super) const INSERT: &str = "
+INSERT INTO steps (patient_id, stage, number, task, at_ms)
+SELECT value->>'patient_id', value->>'stage', value->>'number', value->>'task', value->>'at_ms' FROM json_each(?1)";
+
+/// The present task of each step, a text for each patient.
+pub(super) const SELECT_PRESENT: &str = "
+SELECT patient_id, json_group_array(json_array(stage, number, task)) FROM
+    (SELECT patient_id, stage, number, task, max(id) FROM steps GROUP BY patient_id, stage, number)
+GROUP BY patient_id";
+
+/// All that the steps of one patient ever were, oldest first.
+pub(super) const SELECT_OF_PATIENT: &str = "
+SELECT steps.stage, steps.number, steps.task, steps.at_ms, tasks.spec, tasks.state
+FROM steps JOIN tasks ON tasks.key = steps.task WHERE steps.patient_id = ?1 ORDER BY steps.id";
+
+/// The other patients of a task.
+pub(super) const SELECT_SHARED: &str = "
+SELECT steps.task, patients.patient FROM steps JOIN patients ON patients.id = steps.patient_id
+WHERE patients.id <> ?1 AND steps.task IN (SELECT task FROM steps WHERE patient_id = ?1)
+GROUP BY steps.task, patients.id ORDER BY patients.position";

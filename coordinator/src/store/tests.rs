@@ -1,0 +1,220 @@
+//! Databases that are not as they should be, and places where nothing can be written.
+
+use std::path::Path;
+use std::process::Command;
+
+use sqlx::Connection as _;
+use sqlx::sqlite::{SqliteConnectOptions, SqliteConnection};
+
+use super::patients::{PatientRow, PlanRow, Shown};
+use super::{Batch, DATABASE_FILE, Reader, StoreError, Writer};
+use crate::machine::patient::Patient;
+use cardiotwin_schemas::ids::PatientId;
+
+fn patient(id: i64, version: i64) -> PatientRow {
+    PatientRow {
+        id,
+        patient: format!("P{id}"),
+        position: id,
+        active: true,
+        version,
+        state: Patient::Waiting,
+        shown: Shown { word: "waiting".into(), step: "-".into(), ..Shown::default() },
+        since_ms: 0,
+    }
+}
+
+fn plan(patient_id: i64, bytes: usize) -> PlanRow {
+    let text = |c: &str| c.to_owned();
+    let given = format!("\"{}\"", "x".repeat(bytes));
+    PlanRow { patient_id, given, overrides: text("{}"), carried: text("[]"), plan: None }
+}
+
+async fn add(writer: &mut Writer, id: i64, bytes: usize) -> Result<(), StoreError> {
+    let mut batch = Batch::default();
+    batch.insert_patient(&patient(id, 1));
+    batch.put_plan(&plan(id, bytes));
+    writer.commit(&mut batch).await
+}
+
+async fn raw(dir: &Path) -> SqliteConnection {
+    let options = SqliteConnectOptions::new().filename(dir.join(DATABASE_FILE)).create_if_missing(true);
+    SqliteConnection::connect_with(&options).await.unwrap()
+}
+
+async fn execute(dir: &Path, sql: &'static str) -> Result<(), sqlx::Error> {
+    let mut connection = raw(dir).await;
+    sqlx::raw_sql(sql).execute(&mut connection).await?;
+    connection.close().await
+}
+
+/// A run directory with two patients, closed properly.
+async fn run_dir() -> tempfile::TempDir {
+    let dir = tempfile::tempdir().unwrap();
+    let mut writer = Writer::open(dir.path()).await.unwrap();
+    writer.set_meta(&[("cohort", "test")]).await.unwrap();
+    add(&mut writer, 1, 10).await.unwrap();
+    add(&mut writer, 2, 10).await.unwrap();
+    writer.close("none", 0).await.unwrap();
+    dir
+}
+
+#[tokio::test]
+async fn a_database_of_a_newer_version_is_refused_with_both_versions_and_left_alone() {
+    let dir = run_dir().await;
+    execute(dir.path(), "PRAGMA user_version = 7; UPDATE meta SET value = '9.1.0' WHERE key = 'written_by'")
+        .await
+        .unwrap();
+    let before = std::fs::read(dir.path().join(DATABASE_FILE)).unwrap();
+    for error in [Writer::open(dir.path()).await.err(), Reader::open(dir.path()).await.err()] {
+        let text = error.expect("refused").to_string();
+        for part in ["format 7", "9.1.0", env!("CARGO_PKG_VERSION"), "formats up to 1"] {
+            assert!(text.contains(part), "{part} is missing: {text}");
+        }
+    }
+    assert_eq!(std::fs::read(dir.path().join(DATABASE_FILE)).unwrap(), before);
+}
+
+#[tokio::test]
+async fn what_is_not_ours_is_refused() {
+    let dir = tempfile::tempdir().unwrap();
+    let file = dir.path().join(DATABASE_FILE);
+    assert!(matches!(Reader::open(dir.path()).await.err(), Some(StoreError::Missing { .. })));
+    std::fs::write(&file, b"this is a letter to my mother, and it is long enough to be looked at\n".repeat(100))
+        .unwrap();
+    assert!(matches!(Reader::open(dir.path()).await.err(), Some(StoreError::NotOurs { .. })));
+    let error = Writer::open(dir.path()).await.err().unwrap();
+    assert!(matches!(error, StoreError::NotOurs { .. }), "{error:?}");
+    std::fs::remove_file(&file).unwrap();
+    execute(dir.path(), "CREATE TABLE addresses (name TEXT)").await.unwrap();
+    let error = Writer::open(dir.path()).await.err().unwrap();
+    assert!(matches!(error, StoreError::NotOurs { .. }), "{error:?}");
+    assert!(error.to_string().contains("--run-dir"), "{error}");
+}
+
+#[tokio::test]
+async fn a_damaged_database_is_named_before_anything_is_written() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut writer = Writer::open(dir.path()).await.unwrap();
+    for id in 1..200 {
+        add(&mut writer, id, 400).await.unwrap();
+    }
+    writer.close("none", 0).await.unwrap();
+    let file = dir.path().join(DATABASE_FILE);
+    let mut bytes = std::fs::read(&file).unwrap();
+    let n = bytes.len();
+    // The first page stays: what recognises the file. The rest is overwritten in the middle.
+    bytes[n / 2..n / 2 + 3 * 4096].fill(0xA5);
+    std::fs::write(&file, &bytes).unwrap();
+    let error = Writer::open(dir.path()).await.err().unwrap();
+    assert!(matches!(error, StoreError::Corrupted { .. }), "{error:?}");
+    assert!(error.to_string().contains("backup"), "{error}");
+}
+
+#[tokio::test]
+async fn a_row_that_somebody_else_changed_stops_the_writer() {
+    let dir = run_dir().await;
+    let mut writer = Writer::open(dir.path()).await.unwrap();
+    let mut batch = Batch::default();
+    batch.update_patient(&patient(1, 1));
+    batch.update_patient(&patient(2, 8));
+    let error = writer.commit(&mut batch).await.unwrap_err();
+    assert!(matches!(error, StoreError::Guard { table: "patients", expected: 2, changed: 1 }), "{error:?}");
+    // All or nothing: the first row has kept its version, too.
+    let mut batch = Batch::default();
+    batch.update_patient(&patient(1, 1));
+    batch.update_patient(&patient(2, 1));
+    writer.commit(&mut batch).await.unwrap();
+}
+
+#[tokio::test]
+async fn a_full_disk_is_named_and_what_was_committed_stays() {
+    let dir = run_dir().await;
+    let mut writer = Writer::open(dir.path()).await.unwrap();
+    writer.limit_pages(80).await;
+    let mut id = 3;
+    let error = loop {
+        match add(&mut writer, id, 20_000).await {
+            Ok(()) => id += 1,
+            Err(error) => break error,
+        }
+        assert!(id < 1000, "the limit was never met");
+    };
+    assert!(matches!(error, StoreError::DiskFull { .. }), "{error:?}");
+    assert!(error.to_string().contains("no space left"), "{error}");
+    drop(writer);
+    // There is space again: everything is there, and it goes on.
+    let mut writer = Writer::open(dir.path()).await.unwrap();
+    assert_eq!(writer.load().await.unwrap().patients.len() as i64, id - 1);
+    add(&mut writer, id, 20_000).await.unwrap();
+}
+
+#[tokio::test]
+async fn the_log_cannot_be_rewritten() {
+    let dir = run_dir().await;
+    execute(dir.path(), "INSERT INTO events (at_ms, machine, event) VALUES (1, 'task', '{}')").await.unwrap();
+    for sql in ["UPDATE events SET at_ms = 2", "DELETE FROM events"] {
+        let error = execute(dir.path(), sql).await.unwrap_err();
+        assert!(error.to_string().contains("append-only"), "{error}");
+    }
+}
+
+#[tokio::test]
+async fn readers_see_commits_while_the_writer_is_at_work() {
+    let dir = run_dir().await;
+    let mut writer = Writer::open(dir.path()).await.unwrap();
+    let reader = Reader::open(dir.path()).await.unwrap();
+    assert_eq!(reader.status().await.unwrap().patients.len(), 2);
+    add(&mut writer, 3, 10).await.unwrap();
+    assert_eq!(reader.status().await.unwrap().patients.len(), 3);
+    let error = reader.patient_record(&PatientId::from("P9")).await.unwrap_err();
+    assert!(error.to_string().contains("known are P1, P2, P3"), "{error}");
+}
+
+const READ_ONLY: &str = "CARDIOTWIN_TEST_READ_ONLY";
+
+/// Runs itself again where the run directory is mounted read-only: root may write anywhere else.
+#[tokio::test]
+async fn a_run_can_be_read_where_nothing_can_be_written() {
+    if let Some(dir) = std::env::var_os(READ_ONLY) {
+        let dir = Path::new(&dir);
+        let status = Reader::open(dir).await.unwrap().status().await.unwrap();
+        assert_eq!((status.patients.len(), status.cohort.as_str()), (2, "test"));
+        let error = Writer::open(dir).await.err().unwrap();
+        assert!(matches!(error, StoreError::ReadOnly { .. }), "{error:?}");
+        assert!(error.to_string().contains("read-only"), "{error}");
+        return;
+    }
+    let mount = ["--user", "--map-root-user", "--mount", "sh", "-c"];
+    let possible = Command::new("unshare").args(mount).arg("true").status();
+    if !possible.is_ok_and(|status| status.success()) {
+        eprintln!("not tested: this system lets nobody mount a file system of his own (unshare)");
+        return;
+    }
+    for killed in [false, true] {
+        let dir = run_dir().await;
+        if killed {
+            // A log that was not folded in: all of the content lies in it.
+            let copy = tempfile::tempdir().unwrap();
+            let mut writer = Writer::open(copy.path()).await.unwrap();
+            writer.set_meta(&[("cohort", "test")]).await.unwrap();
+            add(&mut writer, 1, 10).await.unwrap();
+            add(&mut writer, 2, 10).await.unwrap();
+            for file in [DATABASE_FILE.to_owned(), format!("{DATABASE_FILE}-wal")] {
+                std::fs::copy(copy.path().join(&file), dir.path().join(&file)).unwrap();
+            }
+        }
+        let script = r#"mount --bind "$1" "$1" && mount -o remount,bind,ro "$1" && shift && exec "$@""#;
+        let run = Command::new("unshare")
+            .args(mount)
+            .args([script, "sh"])
+            .arg(dir.path())
+            .arg(std::env::current_exe().unwrap())
+            .args(["--exact", "store::tests::a_run_can_be_read_where_nothing_can_be_written"])
+            .env(READ_ONLY, dir.path())
+            .output()
+            .unwrap();
+        let said = String::from_utf8_lossy(&run.stdout);
+        assert!(run.status.success() && said.contains("1 passed"), "killed: {killed}\n{said}");
+    }
+}

@@ -1,0 +1,199 @@
+//! What the store shows beside the schemas' records: history, attempts, explanations.
+
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+
+use cardiotwin_schemas::ids::{PatientId, TaskKey};
+use cardiotwin_schemas::progress::Claim;
+use cardiotwin_schemas::task::TaskSpec;
+use serde::Serialize;
+use sqlx::Row as _;
+use sqlx::sqlite::SqliteRow;
+
+use super::StoreError;
+use super::writer::parse;
+use crate::clock;
+use crate::machine::job::Attempt;
+use crate::machine::patient::Step;
+use crate::machine::task::Task;
+
+/// One line of the append-only log.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct EventRecord {
+    /// Position in the log.
+    pub sequence: i64,
+    /// UTC, RFC 3339.
+    pub at: String,
+    /// `patient`, `task` or `attempt`.
+    pub machine: String,
+    /// Whose chain, where the event belongs to one patient.
+    pub patient: Option<PatientId>,
+    /// Which task.
+    pub task: Option<TaskKey>,
+    /// Which attempt.
+    pub generation: Option<u32>,
+    /// The event as it was fed to the machine.
+    pub event: serde_json::Value,
+}
+
+/// One try at one of a patient's tasks.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct AttemptRecord {
+    /// Where in the chain: `step-1 iteration 3`.
+    pub step: String,
+    /// The task.
+    pub task: TaskKey,
+    /// Which try.
+    pub generation: u32,
+    /// Where it stands.
+    pub state: Attempt,
+    /// Its directory: `stderr.log`, `progress.jsonl`, `outcome.json`.
+    pub directory: PathBuf,
+    /// Process id or job id.
+    pub external_id: Option<String>,
+    /// Who claimed it, as far as the coordinator saw.
+    pub claim: Option<Claim>,
+    /// UTC, RFC 3339.
+    pub planned: String,
+    /// UTC, RFC 3339; absent while it is not over.
+    pub ended: Option<String>,
+}
+
+/// Why a task of a patient is the one it is.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct StepExplanation {
+    /// Where in the chain: `step-1 iteration 3`.
+    pub step: String,
+    /// The task wanted now.
+    pub task: TaskKey,
+    /// `open`, `attempting`, `published`, `failed`.
+    pub state: String,
+    /// Tries so far.
+    pub generations: u32,
+    /// UTC, RFC 3339: since when this is the task of the step.
+    pub since: String,
+    /// The task of the same step before; absent for the first.
+    pub previous: Option<TaskKey>,
+    /// What differs from it, leaf by leaf; empty for the first.
+    pub changes: Vec<LeafChange>,
+    /// Other patients of this run that share the task.
+    pub shared_with: Vec<PatientId>,
+}
+
+/// One value of a task's canonical specification that changed.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct LeafChange {
+    /// Where: `contraction.parameters.Smax_ref_kPa`.
+    pub path: String,
+    /// Before; absent where there was none.
+    pub old: Option<serde_json::Value>,
+    /// Now; absent where there is none.
+    pub new: Option<serde_json::Value>,
+}
+
+/// A step's present task against the one before; `rows` are all that the step ever was, oldest first.
+pub(super) fn explanation(
+    step: Step,
+    rows: &[SqliteRow],
+    shared: &HashMap<String, Vec<PatientId>>,
+) -> Result<StepExplanation, StoreError> {
+    let spec = |row: &SqliteRow| -> Result<serde_json::Value, StoreError> {
+        let (task, text): (String, String) = (row.get("task"), row.get("spec"));
+        let spec: TaskSpec = parse(&text, "tasks", "spec", &task)?;
+        parse(&spec.canonical(), "tasks", "spec", &task)
+    };
+    let present = &rows[rows.len() - 1];
+    let (task, state): (String, String) = (present.get("task"), present.get("state"));
+    let state: Task = parse(&state, "tasks", "state", &task)?;
+    let previous = rows[..rows.len() - 1].last();
+    Ok(StepExplanation {
+        step: step.to_string(),
+        state: state.word().to_owned(),
+        generations: state.generation(),
+        since: clock::utc_text(present.get("at_ms")),
+        previous: previous.map(|row| TaskKey(row.get("task"))),
+        changes: match previous {
+            Some(previous) => leaf_changes(&spec(previous)?, &spec(present)?),
+            None => Vec::new(),
+        },
+        shared_with: shared.get(&task).cloned().unwrap_or_default(),
+        task: TaskKey(task),
+    })
+}
+
+/// A row of `attempts` for people.
+pub(super) fn attempt(step: Step, row: &SqliteRow, run_dir: &Path) -> Result<AttemptRecord, StoreError> {
+    let (task, state): (String, String) = (row.get("task"), row.get("state"));
+    let claim: Option<String> = row.get("claim");
+    let directory: String = row.get("directory");
+    Ok(AttemptRecord {
+        step: step.to_string(),
+        generation: row.get("generation"),
+        state: parse(&state, "attempts", "state", &task)?,
+        directory: run_dir.join(directory),
+        external_id: row.get("external_id"),
+        claim: claim.map(|text| parse(&text, "attempts", "claim", &task)).transpose()?,
+        planned: clock::utc_text(row.get("planned_ms")),
+        ended: row.get::<Option<i64>, _>("ended_ms").map(clock::utc_text),
+        task: TaskKey(task),
+    })
+}
+
+/// Leaves that differ between two JSON texts, in the order of their paths.
+#[must_use]
+pub fn leaf_changes(old: &serde_json::Value, new: &serde_json::Value) -> Vec<LeafChange> {
+    let mut changes = Vec::new();
+    compare(String::new(), Some(old), Some(new), &mut changes);
+    changes
+}
+
+fn compare(
+    path: String,
+    old: Option<&serde_json::Value>,
+    new: Option<&serde_json::Value>,
+    changes: &mut Vec<LeafChange>,
+) {
+    use serde_json::Value;
+    let child = |key: &str| if path.is_empty() { key.to_owned() } else { format!("{path}.{key}") };
+    match (old, new) {
+        (old, new) if old == new => {}
+        (Some(Value::Object(a)), Some(Value::Object(b))) => {
+            let keys: std::collections::BTreeSet<&String> = a.keys().chain(b.keys()).collect();
+            for key in keys {
+                compare(child(key), a.get(key), b.get(key), changes);
+            }
+        }
+        (Some(Value::Array(a)), Some(Value::Array(b))) => {
+            for i in 0..a.len().max(b.len()) {
+                compare(format!("{path}[{i}]"), a.get(i), b.get(i), changes);
+            }
+        }
+        (old, new) => changes.push(LeafChange { path, old: old.cloned(), new: new.cloned() }),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::json;
+
+    #[test]
+    fn only_leaves_that_differ_are_named_with_both_values() {
+        let old = json!({"a": {"b": 1, "c": [1, 2]}, "same": true, "gone": 3});
+        let new = json!({"a": {"b": 2, "c": [1, 5]}, "same": true, "come": 4});
+        let named: Vec<_> = leaf_changes(&old, &new)
+            .into_iter()
+            .map(|c| (c.path, c.old.map(|v| v.to_string()), c.new.map(|v| v.to_string())))
+            .collect();
+        let text = |v: &str| Some(v.to_owned());
+        assert_eq!(
+            named,
+            [
+                ("a.b".to_owned(), text("1"), text("2")),
+                ("a.c[1]".to_owned(), text("2"), text("5")),
+                ("come".to_owned(), None, text("4")),
+                ("gone".to_owned(), text("3"), None),
+            ]
+        );
+    }
+}

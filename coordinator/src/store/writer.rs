@@ -1,0 +1,221 @@
+//! The one writer: loads what a coordinator must know, commits batches of transitions.
+
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+
+use cardiotwin_schemas::ids::TaskKey;
+use serde::de::DeserializeOwned;
+use sqlx::sqlite::{SqliteConnection, SqliteRow};
+use sqlx::{Connection as _, Row as _};
+
+use super::attempts::AttemptRow;
+use super::batch::Batch;
+use super::open::DATABASE_FILE;
+use super::outbox::Action;
+use super::patients::{PatientRow, PlanRow, Shown};
+use super::tasks::TaskRow;
+use super::{StoreError, attempts, open, outbox, patients, steps, tasks};
+use crate::machine::chain::Chain;
+use crate::machine::patient::{Stage, Step};
+
+/// The writing end of a run's database. Its owner holds the run's lock.
+#[derive(Debug)]
+pub struct Writer {
+    file: PathBuf,
+    connection: SqliteConnection,
+}
+
+/// What a store holds when a coordinator begins.
+#[derive(Debug, Default)]
+pub struct Loaded {
+    /// Name, description and other single values.
+    pub meta: HashMap<String, String>,
+    /// Patients with their plans and chains, in the cohort's order.
+    pub patients: Vec<(PatientRow, PlanRow, Chain)>,
+    /// Every task.
+    pub tasks: Vec<TaskRow>,
+    /// Attempts that are not over.
+    pub attempts: Vec<AttemptRow>,
+    /// The present task of each step, by patient.
+    pub steps: HashMap<i64, HashMap<Step, TaskKey>>,
+    /// Actions that were decided and perhaps not done.
+    pub outbox: Vec<(i64, Action)>,
+}
+
+impl Writer {
+    /// Opens or makes the database of a run directory.
+    ///
+    /// # Errors
+    /// [`StoreError`] naming what is wrong with the file; nothing was changed then.
+    pub async fn open(run_dir: &Path) -> Result<Self, StoreError> {
+        Ok(Self { file: run_dir.join(DATABASE_FILE), connection: open::writable(run_dir).await? })
+    }
+
+    /// Commits a batch: all of it or nothing.
+    ///
+    /// # Errors
+    /// [`StoreError::Guard`] when a row is not as this writer left it, [`StoreError::DiskFull`], and the others.
+    pub async fn commit(&mut self, batch: &mut Batch) -> Result<(), StoreError> {
+        let failed = |source| StoreError::from_sqlite(self.file.clone(), "committing", source);
+        let statements = batch.statements();
+        let mut transaction = self.connection.begin_with("BEGIN IMMEDIATE").await.map_err(failed)?;
+        for statement in &statements {
+            let done =
+                sqlx::query(statement.sql).bind(&statement.json).execute(&mut *transaction).await.map_err(failed)?;
+            statement.check(done.rows_affected())?;
+        }
+        transaction.commit().await.map_err(failed)
+    }
+
+    /// Sets single values.
+    ///
+    /// # Errors
+    /// The store's.
+    pub async fn set_meta(&mut self, values: &[(&str, &str)]) -> Result<(), StoreError> {
+        for (key, value) in values {
+            sqlx::query("INSERT INTO meta (key, value) VALUES (?1, ?2) ON CONFLICT (key) DO UPDATE SET value = ?2 WHERE value <> ?2")
+                .bind(key)
+                .bind(value)
+                .execute(&mut self.connection)
+                .await
+                .map_err(|source| StoreError::from_sqlite(self.file.clone(), "writing", source))?;
+        }
+        Ok(())
+    }
+
+    /// Closes what earlier coordinators left open and opens the allocation of this one.
+    ///
+    /// # Errors
+    /// The store's.
+    pub async fn open_allocation(
+        &mut self,
+        kind: &str,
+        external_id: &str,
+        host: &str,
+        at_ms: i64,
+    ) -> Result<i64, StoreError> {
+        let failed = |source| StoreError::from_sqlite(self.file.clone(), "writing", source);
+        sqlx::query(attempts::CLOSE_ALLOCATIONS)
+            .bind(at_ms)
+            .bind(kind)
+            .execute(&mut self.connection)
+            .await
+            .map_err(failed)?;
+        // Not `RETURNING`: whoever stops reading after the one row never learns that the commit behind it failed.
+        let inserted = sqlx::query(attempts::OPEN_ALLOCATION)
+            .bind(kind)
+            .bind(external_id)
+            .bind(host)
+            .bind(at_ms)
+            .execute(&mut self.connection)
+            .await
+            .map_err(failed)?;
+        Ok(inserted.last_insert_rowid())
+    }
+
+    /// Closes the allocation of this coordinator and the database.
+    ///
+    /// # Errors
+    /// The store's; what was committed stays.
+    pub async fn close(mut self, kind: &str, at_ms: i64) -> Result<(), StoreError> {
+        let closed =
+            sqlx::query(attempts::CLOSE_ALLOCATIONS).bind(at_ms).bind(kind).execute(&mut self.connection).await;
+        open::close(self.connection, &self.file).await?;
+        closed.map(|_| ()).map_err(|source| StoreError::from_sqlite(self.file, "closing", source))
+    }
+
+    /// Lets the database grow no further: a full disk for tests.
+    #[cfg(test)]
+    pub(super) async fn limit_pages(&mut self, pages: u32) {
+        let sql = sqlx::AssertSqlSafe(format!("PRAGMA max_page_count = {pages}"));
+        sqlx::query(sql).execute(&mut self.connection).await.unwrap();
+    }
+
+    /// Everything that a coordinator must know.
+    ///
+    /// # Errors
+    /// The store's.
+    pub async fn load(&mut self) -> Result<Loaded, StoreError> {
+        let mut loaded = Loaded::default();
+        for row in self.rows("SELECT key, value FROM meta").await? {
+            loaded.meta.insert(row.get(0), row.get(1));
+        }
+        let mut plans: HashMap<i64, (PlanRow, Chain)> = HashMap::new();
+        for row in self.rows(patients::SELECT_PLANS).await? {
+            let (patient_id, chain): (i64, String) = (row.get(0), row.get(5));
+            let chain = parse(&chain, "plans", "chain", &patient_id)?;
+            let (given, overrides, carried, plan) = (row.get(1), row.get(2), row.get(3), row.get(4));
+            plans.insert(patient_id, (PlanRow { patient_id, given, overrides, carried, plan }, chain));
+        }
+        for row in self.rows(patients::SELECT_ALL).await? {
+            let patient = patient_row(&row)?;
+            if let Some((plan, chain)) = plans.remove(&patient.id) {
+                loaded.patients.push((patient, plan, chain));
+            }
+        }
+        for row in self.rows(tasks::SELECT_ALL).await? {
+            let rows: String = row.get(0);
+            loaded.tasks.extend(parse::<Vec<TaskRow>>(&rows, "tasks", "state", &"some row")?);
+        }
+        for row in self.rows(attempts::SELECT_AT_WORK).await? {
+            let (task, state): (String, String) = (row.get(0), row.get(4));
+            let state = parse(&state, "attempts", "state", &task)?;
+            let (generation, directory, version) = (row.get(1), row.get(2), row.get(3));
+            loaded.attempts.push(AttemptRow { task, generation, directory, version, state });
+        }
+        for row in self.rows(steps::SELECT_PRESENT).await? {
+            let (patient, steps): (i64, String) = (row.get(0), row.get(1));
+            let steps: Vec<(Stage, u32, TaskKey)> = parse(&steps, "steps", "stage", &patient)?;
+            let steps = steps.into_iter().map(|(stage, number, task)| (Step { stage, number }, task));
+            loaded.steps.insert(patient, steps.collect());
+        }
+        for row in self.rows(outbox::SELECT_PENDING).await? {
+            let (id, action): (i64, String) = (row.get(0), row.get(1));
+            loaded.outbox.push((id, parse(&action, "outbox", "action", &id)?));
+        }
+        Ok(loaded)
+    }
+
+    async fn rows(&mut self, sql: &'static str) -> Result<Vec<SqliteRow>, StoreError> {
+        sqlx::query(sql)
+            .fetch_all(&mut self.connection)
+            .await
+            .map_err(|source| StoreError::from_sqlite(self.file.clone(), "reading", source))
+    }
+}
+
+pub(super) fn parse<T: DeserializeOwned>(
+    text: &str,
+    table: &'static str,
+    column: &'static str,
+    row: &dyn std::fmt::Display,
+) -> Result<T, StoreError> {
+    serde_json::from_str(text).map_err(|source| StoreError::Content { table, column, row: row.to_string(), source })
+}
+
+pub(super) fn patient_row(row: &SqliteRow) -> Result<PatientRow, StoreError> {
+    let patient: String = row.get("patient");
+    let class: Option<String> = row.get("failure_class");
+    let failure_class = class.map(|c| parse(&format!("\"{c}\""), "patients", "failure_class", &patient)).transpose()?;
+    let state: String = row.get("state");
+    Ok(PatientRow {
+        id: row.get("id"),
+        position: row.get("position"),
+        active: row.get("active"),
+        version: row.get("version"),
+        state: parse(&state, "patients", "state", &patient)?,
+        shown: Shown {
+            word: row.get("word"),
+            step: row.get("step"),
+            iteration: row.get("iteration"),
+            max_iterations: row.get("max_iterations"),
+            step1_cost: row.get("step1_cost"),
+            step1_quality: row.get("step1_quality"),
+            step2_cost: row.get("step2_cost"),
+            failure_class,
+            note: row.get("note"),
+        },
+        since_ms: row.get("since_ms"),
+        patient,
+    })
+}

@@ -1,0 +1,96 @@
+//! `cohort.toml`.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::settings::Settings;
+
+/// A cohort: a folder with this file and a folder per patient.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct CohortFile {
+    /// Short name; appears in tables, job names and reports.
+    pub name: String,
+    /// One sentence.
+    #[serde(default)]
+    pub description: String,
+    /// Folder with one folder per patient, relative to `cohort.toml`.
+    #[serde(default = "patients_folder")]
+    pub patients: String,
+    /// Values for patient files that lack them.
+    #[serde(default)]
+    pub defaults: PatientDefaults,
+    /// See [`Settings::solver`]; absent keys keep their default, here and below.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schemars(with = "Option<crate::settings::SolverSettings>")]
+    pub solver: Option<serde_json::Value>,
+    /// See [`Settings::step1`].
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schemars(with = "Option<crate::settings::Step1Settings>")]
+    pub step1: Option<serde_json::Value>,
+    /// See [`Settings::step2`].
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schemars(with = "Option<crate::settings::CellFitSettings>")]
+    pub step2: Option<serde_json::Value>,
+    /// See [`Settings::verification`].
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schemars(with = "Option<crate::settings::VerificationSettings>")]
+    pub verification: Option<serde_json::Value>,
+    /// See [`Settings::executor`].
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schemars(with = "Option<crate::settings::ExecutorSettings>")]
+    pub executor: Option<serde_json::Value>,
+}
+
+impl CohortFile {
+    /// The settings of this file as a layer.
+    #[must_use]
+    pub fn layer(&self) -> SettingsLayer {
+        SettingsLayer {
+            solver: self.solver.clone(),
+            step1: self.step1.clone(),
+            step2: self.step2.clone(),
+            verification: self.verification.clone(),
+            executor: self.executor.clone(),
+        }
+    }
+}
+
+fn patients_folder() -> String {
+    "patients".to_owned()
+}
+
+/// The tables of [`Settings`] as they stand in one file: anything may be absent. Checked against [`Settings`] after
+/// the layers are merged, so that an error names the file and the key.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+#[schemars(with = "Settings")]
+pub struct SettingsLayer {
+    /// See [`Settings::solver`].
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub solver: Option<serde_json::Value>,
+    /// See [`Settings::step1`].
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub step1: Option<serde_json::Value>,
+    /// See [`Settings::step2`].
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub step2: Option<serde_json::Value>,
+    /// See [`Settings::verification`].
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub verification: Option<serde_json::Value>,
+    /// See [`Settings::executor`].
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub executor: Option<serde_json::Value>,
+}
+
+/// Values that stand in for a patient file that lacks them. They are flagged as the cohort's, not the patient's.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct PatientDefaults {
+    /// Filling pressure.
+    #[serde(rename = "left_atrial_pressure_mmHg", skip_serializing_if = "Option::is_none")]
+    pub left_atrial_pressure_mmhg: Option<f64>,
+    /// Passive exponent b.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub passive_exponent: Option<f64>,
+}

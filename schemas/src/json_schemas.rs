@@ -1,0 +1,45 @@
+//! The JSON Schemas of every file format, made from the types; committed under `schemas/json`.
+
+use schemars::{Schema, schema_for};
+
+/// File name and schema of each format.
+#[must_use]
+pub fn all() -> Vec<(&'static str, Schema)> {
+    vec![
+        ("cohort.schema.json", schema_for!(crate::cohort::CohortFile)),
+        ("patient.schema.json", schema_for!(crate::patient::PatientFile)),
+        ("model.schema.json", schema_for!(crate::overlay::ModelOverlay)),
+        ("spec.schema.json", schema_for!(crate::task::AttemptSpec)),
+        ("outcome.schema.json", schema_for!(crate::outcome::TaskOutcome)),
+        ("progress.schema.json", schema_for!(crate::progress::Progress)),
+        ("claim.schema.json", schema_for!(crate::progress::Claim)),
+        ("status.schema.json", schema_for!(crate::status::Status)),
+        ("run.schema.json", schema_for!(crate::record::RunRecord)),
+    ]
+}
+
+/// A schema as it stands in its file.
+///
+/// # Panics
+/// Never: a schema is JSON.
+#[must_use]
+pub fn text(schema: &Schema) -> String {
+    let mut text = serde_json::to_string_pretty(schema).expect("a schema is JSON");
+    text.push('\n');
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn committed_schemas_are_current() {
+        let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("json");
+        for (name, schema) in super::all() {
+            let committed = std::fs::read_to_string(folder.join(name)).unwrap_or_default();
+            assert!(
+                committed == super::text(&schema),
+                "{name} is out of date: run `cargo run --release -p cardiotwin-schemas --example write-json-schemas`"
+            );
+        }
+    }
+}

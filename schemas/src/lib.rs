@@ -1,0 +1,26 @@
+//! What outlives a process or passes between two: cohorts, patients, settings, tasks, outcomes, progress,
+//! provenance. Serde types only; every format named here has a JSON Schema under `schemas/json`.
+//!
+//! Keys carry their units (`pressure_mmHg`); Rust names are the same words in lower case.
+
+pub mod biomarkers;
+pub mod cohort;
+pub mod failure;
+pub mod hash;
+pub mod ids;
+pub mod organ;
+pub mod outcome;
+pub mod overlay;
+pub mod patient;
+pub mod plan;
+pub mod progress;
+pub mod provenance;
+pub mod record;
+pub mod settings;
+pub mod status;
+pub mod task;
+
+pub mod json_schemas;
+
+/// Version of the file formats of this crate; raised when an old reader would misread a new file.
+pub const SCHEMA_VERSION: u32 = 1;

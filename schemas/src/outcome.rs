@@ -1,0 +1,212 @@
+//! What came of an attempt.
+
+use std::collections::BTreeMap;
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::biomarkers::{Biomarkers, CellBiomarkers, TimePoints};
+use crate::failure::Failure;
+use crate::ids::AttemptId;
+use crate::organ::{CirculationSpec, OrganSpec};
+use crate::provenance::Provenance;
+
+/// `outcome.json` of an attempt, written once, atomically.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct TaskOutcome {
+    /// Format version.
+    pub schema_version: u32,
+    /// Which try of which task.
+    pub attempt: AttemptId,
+    /// How it ended.
+    pub ending: Ending,
+    /// Files beside `outcome.json`.
+    pub artefacts: Vec<Artefact>,
+    /// How it was made.
+    pub provenance: Provenance,
+}
+
+/// How an attempt ended. Divergence is an ending with data, not an error.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(tag = "ending", rename_all = "kebab-case")]
+pub enum Ending {
+    /// Finished; the checks inside the result say whether the science holds.
+    Succeeded {
+        /// What was computed.
+        result: Box<TaskResult>,
+    },
+    /// The simulation could not be saved.
+    Diverged {
+        /// Simulated time of the last good state.
+        last_good_ms: f64,
+        /// Newton, non-finite, volume out of range, …
+        reason: String,
+    },
+    /// Anything else.
+    Failed {
+        /// Why, with its class.
+        failure: Failure,
+    },
+    /// Stopped on request before the end.
+    Cancelled,
+}
+
+/// A file that an attempt made, relative to its directory.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Artefact {
+    /// Role, for example `traces`, `nodal`, `median`.
+    pub name: String,
+    /// File name inside the attempt directory.
+    pub file: String,
+    /// SHA-256 of the content.
+    pub sha256: String,
+    /// Size.
+    pub bytes: u64,
+}
+
+/// What was computed, by task kind.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(tag = "kind", rename_all = "kebab-case")]
+pub enum TaskResult {
+    /// Step 0.
+    PassiveState(PassiveStateResult),
+    /// A simulation.
+    OrganBeat(OrganBeatResult),
+    /// Step 2's targets.
+    Targets(TargetsResult),
+    /// Step 2.
+    CellFit(CellFitResult),
+    /// Nothing.
+    Noop,
+}
+
+/// A quantity that the patient's file lacked and that was estimated.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Estimate {
+    /// Which key of the patient file it stands for.
+    pub key: String,
+    /// The value, in the unit that the key names.
+    pub value: f64,
+    /// How it was estimated.
+    pub method: String,
+}
+
+/// Step 0: everything that the simulations of this patient share.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct PassiveStateResult {
+    /// The organ, passive state fitted.
+    pub organ: OrganSpec,
+    /// The loads.
+    pub circulation: CirculationSpec,
+    /// Measured biomarkers, from the traces or as given.
+    pub measured: Biomarkers,
+    /// Their time points.
+    pub time_points: TimePoints,
+    /// What was estimated for lack of data.
+    pub estimates: Vec<Estimate>,
+    /// Volume at the diastasis pressure minus the measured diastasis volume, where both are known.
+    #[serde(rename = "diastasis_volume_error_mL")]
+    pub diastasis_volume_error_ml: Option<f64>,
+    /// Biomarkers whose level was not reached before the beat's end, and other remarks.
+    pub remarks: Vec<String>,
+}
+
+/// A check of the science with what was found and what is allowed.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Check {
+    /// For example `aortic valve opened and closed`.
+    pub name: String,
+    /// Whether it holds.
+    pub passed: bool,
+    /// What was found, with its unit.
+    pub found: String,
+    /// What is expected.
+    pub expected: String,
+}
+
+/// One simulation of the organ. Artefacts: `traces` (`traces.csv`), `nodal` (`nodal.csv`).
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct OrganBeatResult {
+    /// Simulated biomarkers of the last beat.
+    pub biomarkers: Biomarkers,
+    /// Their time points.
+    pub time_points: TimePoints,
+    /// SPEC section 5: the run counts only if all hold.
+    pub checks: Vec<Check>,
+    /// Beats simulated.
+    pub beats: u32,
+    /// Whether start and end of the last beat agree.
+    pub periodic: bool,
+    /// Levels not reached and other remarks.
+    pub remarks: Vec<String>,
+    /// Smallest stretch over nodes and time.
+    pub lambda_min: f64,
+    /// Time steps, cut steps, Newton iterations and such, by name.
+    pub counters: BTreeMap<String, f64>,
+}
+
+impl OrganBeatResult {
+    /// The first check that does not hold.
+    #[must_use]
+    pub fn failed_check(&self) -> Option<&Check> {
+        self.checks.iter().find(|check| !check.passed)
+    }
+}
+
+/// Step 2's targets. Artefact: `median` (`median.csv`: time_ms, Sa_kPa, Ca_uM, lambda).
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct TargetsResult {
+    /// First value of the median stretch trace.
+    pub lambda_0: f64,
+    /// Biomarkers of the median traces.
+    pub targets: CellBiomarkers,
+    /// Nodes that entered the medians.
+    pub n_nodes: u64,
+}
+
+/// A fitted parameter.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct FittedParameter {
+    /// Name with unit.
+    pub name: String,
+    /// Value.
+    pub value: f64,
+    /// Lower bound.
+    pub lower: f64,
+    /// Upper bound.
+    pub upper: f64,
+    /// Whether the value sits on a bound.
+    pub at_bound: bool,
+}
+
+/// Step 2. Artefacts: `cell` (`cell.csv`: time_ms, Sa_kPa, Ca_uM, lambda), `convergence` (`convergence.csv`).
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct CellFitResult {
+    /// Fitted parameters in the order of the settings.
+    pub parameters: Vec<FittedParameter>,
+    /// What the fit reached.
+    pub reached: CellBiomarkers,
+    /// What it should have reached.
+    pub targets: CellBiomarkers,
+    /// Weighted misfit and penalty.
+    pub cost: f64,
+    /// Terms of the cost by name, the penalty's terms among them.
+    pub cost_terms: BTreeMap<String, f64>,
+    /// Cell evaluations.
+    pub evaluations: u64,
+    /// Generations of differential evolution.
+    pub generations: u64,
+    /// Whether the population converged.
+    pub converged: bool,
+    /// Empty, or which target is out of reach and what would reach it.
+    pub unreachable_targets: Vec<String>,
+}

@@ -1,0 +1,38 @@
+//! What the coordinator keeps of a patient when a run is planned: settings resolved, inputs hashed.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::ids::PatientId;
+use crate::settings::Settings;
+use crate::task::PassiveStateSpec;
+
+/// Which chain of tasks a patient runs through.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum Workflow {
+    /// Step 0, step 1, targets, step 2, verification.
+    Personalise,
+    /// Three no-op tasks: measures orchestration.
+    Noop {
+        /// How long each pretends to work.
+        sleep_ms: u64,
+    },
+}
+
+/// A patient ready to run. Every task of the patient follows from this and from the outcomes so far.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct ResolvedPatient {
+    /// Pseudonym.
+    pub id: PatientId,
+    /// Which chain.
+    pub workflow: Workflow,
+    /// Step 0's task: all measured inputs, by content.
+    pub step0: PassiveStateSpec,
+    /// Settings, all layers merged (executor included, which never enters a task's key).
+    pub settings: Settings,
+    /// Effects accepted for this patient.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub effects: Vec<crate::organ::EffectSpec>,
+}

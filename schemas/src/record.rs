@@ -1,0 +1,150 @@
+//! What is known of a run: what reports, exports and comparisons read. Made from the store, independent of it.
+
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::failure::Failure;
+use crate::ids::TaskKey;
+use crate::organ::Step1Parameters;
+use crate::outcome::{Artefact, CellFitResult, OrganBeatResult, PassiveStateResult, TargetsResult};
+use crate::plan::ResolvedPatient;
+use crate::provenance::Provenance;
+use crate::status::PatientStatus;
+
+/// A run of a cohort.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct RunRecord {
+    /// Format version.
+    pub schema_version: u32,
+    /// Cohort name.
+    pub cohort: String,
+    /// One sentence.
+    pub description: String,
+    /// Directory of the run; artefact paths are absolute.
+    pub run_directory: PathBuf,
+    /// UTC, RFC 3339: when the store was read.
+    pub as_of: String,
+    /// Version of the coordinator that read it.
+    pub version: String,
+    /// In the cohort's order.
+    pub patients: Vec<PatientRecord>,
+}
+
+/// A patient's results so far.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct PatientRecord {
+    /// Inputs and settings.
+    pub plan: ResolvedPatient,
+    /// Where the patient stands.
+    pub status: PatientStatus,
+    /// Step 0.
+    pub step0: Option<TaskRecord<PassiveStateResult>>,
+    /// Step 1's simulations, in order, failed ones included.
+    pub iterations: Vec<IterationRecord>,
+    /// How step 1 ended.
+    pub step1: Option<Step1Summary>,
+    /// Step 2's targets.
+    pub targets: Option<TaskRecord<TargetsResult>>,
+    /// Step 2.
+    pub cell_fit: Option<TaskRecord<CellFitResult>>,
+    /// The verification beat.
+    pub verification: Option<TaskRecord<OrganBeatResult>>,
+    /// Cost of the verification beat by step 1's formula.
+    pub verification_cost: Option<f64>,
+    /// The failure that holds the patient, if one does.
+    pub failure: Option<Failure>,
+}
+
+/// The published result of a task.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct TaskRecord<T> {
+    /// The task.
+    pub key: TaskKey,
+    /// Which try published.
+    pub generation: u32,
+    /// Where its artefacts lie.
+    pub directory: PathBuf,
+    /// Its files.
+    pub artefacts: Vec<Artefact>,
+    /// How it was made.
+    pub provenance: Provenance,
+    /// What was computed.
+    pub result: T,
+}
+
+impl<T> TaskRecord<T> {
+    /// Absolute path of the artefact called `name`.
+    #[must_use]
+    pub fn artefact(&self, name: &str) -> Option<PathBuf> {
+        self.artefacts.iter().find(|a| a.name == name).map(|a| self.directory.join(&a.file))
+    }
+}
+
+/// One simulation of step 1.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct IterationRecord {
+    /// 1 for the first.
+    pub number: u32,
+    /// What was simulated.
+    pub parameters: Step1Parameters,
+    /// What came out, where the simulation succeeded.
+    pub run: Option<TaskRecord<OrganBeatResult>>,
+    /// Why it failed, where it did.
+    pub failure: Option<Failure>,
+    /// Sum of squared relative differences to the measured biomarkers.
+    pub cost: Option<f64>,
+    /// Relative differences (simulated − measured) / measured, by biomarker.
+    pub relative_differences: BTreeMap<String, f64>,
+}
+
+/// Why step 1 ended without converging.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum StallReason {
+    /// No improvement for several iterations in a row.
+    Stagnation,
+    /// A simulation failed.
+    SimulationFailed,
+    /// The largest number of iterations was reached.
+    IterationLimit,
+}
+
+/// Quality of step 1's result. A stalled step 1 is a result with a mark, not an end.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(tag = "quality", rename_all = "kebab-case")]
+pub enum Step1Quality {
+    /// The best iterate is within the tolerance.
+    Converged,
+    /// It is not.
+    Stalled {
+        /// Why the loop ended.
+        reason: StallReason,
+    },
+}
+
+/// How step 1 ended.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct Step1Summary {
+    /// Converged, or stalled and why.
+    pub quality: Step1Quality,
+    /// The iterate that was taken.
+    pub best_iteration: u32,
+    /// Its cost.
+    pub cost: f64,
+    /// The first iterate within the tolerance.
+    pub first_converged: Option<u32>,
+    /// The personalised parameters.
+    pub parameters: Step1Parameters,
+}
+
+impl std::fmt::Display for Step1Summary {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self.quality {
+            Step1Quality::Converged => write!(f, "converged: iteration {}", self.best_iteration),
+            Step1Quality::Stalled { .. } => write!(f, "stalled: best iteration {}", self.best_iteration),
+        }
+    }
+}

@@ -1,0 +1,325 @@
+//! Every setting of a run, with its default. The same keys stand in `cohort.toml`, in a patient's `[settings]`,
+//! in `rerun`'s overrides and in `--set`; a later layer wins, key by key, and `config show --origin` tells which.
+
+use std::collections::BTreeMap;
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::organ::{TanhParameters, ValveParameters};
+
+/// All settings.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct Settings {
+    /// The organ and its simulation.
+    pub solver: SolverSettings,
+    /// Step 1.
+    pub step1: Step1Settings,
+    /// Step 2.
+    pub step2: CellFitSettings,
+    /// The verification beat.
+    pub verification: VerificationSettings,
+    /// Where tasks run.
+    pub executor: ExecutorSettings,
+}
+
+/// Which organ is simulated.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum Fidelity {
+    /// One-fibre ventricle, milliseconds a beat.
+    Reduced,
+}
+
+/// Where a simulated beat starts (SPEC section 3).
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum StartMode {
+    /// At the measured end-diastolic volume and pressure.
+    EndDiastole,
+    /// The paper's way: the image volume is taken to be that at end-diastolic pressure.
+    Diastasis,
+}
+
+/// The organ and its simulation.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct SolverSettings {
+    /// Which organ.
+    pub fidelity: Fidelity,
+    /// Largest time step.
+    pub time_step_ms: f64,
+    /// A step that fails is cut in halves down to this; then the simulation ends as diverged.
+    pub shortest_step_ms: f64,
+    /// A step fails after so many Newton iterations.
+    pub newton_iterations: u32,
+    /// Where the beat starts.
+    pub start: StartMode,
+    /// How the reduced ventricle is activated.
+    pub activation: ActivationSettings,
+    /// Beats per simulation in step 1 and verification.
+    pub beats: u32,
+}
+
+impl Default for SolverSettings {
+    fn default() -> Self {
+        Self {
+            fidelity: Fidelity::Reduced,
+            time_step_ms: 1.0,
+            shortest_step_ms: 1.0 / 64.0,
+            newton_iterations: 60,
+            start: StartMode::EndDiastole,
+            activation: ActivationSettings::default(),
+            beats: 1,
+        }
+    }
+}
+
+/// Activation of the reduced ventricle: stands for the eikonal map.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct ActivationSettings {
+    /// First activation to last.
+    pub spread_ms: f64,
+    /// Parts of the wall, each with its own time.
+    pub groups: u32,
+    /// First activation after the trace's time zero; absent: found from the measured pressure upstroke.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub onset_ms: Option<f64>,
+}
+
+impl Default for ActivationSettings {
+    fn default() -> Self {
+        Self { spread_ms: 40.0, groups: 16, onset_ms: None }
+    }
+}
+
+/// When step 1 stops.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum StopRule {
+    /// At the first iterate whose cost is within the tolerance (the paper's rule).
+    FirstConverged,
+    /// After `max_iterations` (or a stall or a failure); the best iterate is taken.
+    BestOfLimit,
+}
+
+/// Step 1 (SPEC section 5).
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct Step1Settings {
+    /// Converged at this cost or below.
+    pub tolerance: f64,
+    /// Largest number of simulations.
+    pub max_iterations: u32,
+    /// Exponent of every update ratio: 1 is the paper's, smaller is damped.
+    pub damping: f64,
+    /// When to stop.
+    pub stop: StopRule,
+    /// So many iterations in a row without improvement end the loop.
+    pub stall_iterations: u32,
+    /// Relative improvement of the best cost that counts.
+    pub stall_improvement: f64,
+    /// Parameters that stay at their initial value: keys of `bounds`.
+    pub frozen: Vec<String>,
+    /// First guess of the Tanh model.
+    pub initial: TanhParameters,
+    /// First guess of the valves.
+    pub valves: ValveParameters,
+    /// Bounds of the updated parameters, lower and upper. Keys: `Smax_ref_kPa`, `tau_SR_ref_ms`, `tau_SD_ms`,
+    /// `t_CR_ms`, `R_AV_f_mmHg_s_per_mL`, `R_MV_f_mmHg_s_per_mL`.
+    pub bounds: BTreeMap<String, [f64; 2]>,
+}
+
+/// The parameters that step 1 updates, in the order of the paper's Table A6.
+pub const STEP1_PARAMETERS: [&str; 6] =
+    ["Smax_ref_kPa", "tau_SR_ref_ms", "tau_SD_ms", "t_CR_ms", "R_AV_f_mmHg_s_per_mL", "R_MV_f_mmHg_s_per_mL"];
+
+impl Default for Step1Settings {
+    fn default() -> Self {
+        Self {
+            tolerance: 0.1,
+            max_iterations: 10,
+            damping: 1.0,
+            stop: StopRule::FirstConverged,
+            stall_iterations: 3,
+            stall_improvement: 0.05,
+            frozen: Vec::new(),
+            initial: TanhParameters::default(),
+            valves: ValveParameters::default(),
+            // Wide enough never to bind in a sane fit; the resistance floors are those of the paper's Table A6.
+            bounds: [
+                ("Smax_ref_kPa", [1.0, 2000.0]),
+                ("tau_SR_ref_ms", [0.05, 1000.0]),
+                ("tau_SD_ms", [0.5, 2000.0]),
+                ("t_CR_ms", [20.0, 3000.0]),
+                ("R_AV_f_mmHg_s_per_mL", [1e-4, 1.0]),
+                ("R_MV_f_mmHg_s_per_mL", [1e-4, 1.0]),
+            ]
+            .into_iter()
+            .map(|(name, range)| (name.to_owned(), range))
+            .collect(),
+        }
+    }
+}
+
+/// How the trial vectors of a generation see the population.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum Updating {
+    /// A generation is one batch.
+    Deferred,
+    /// SciPy's default: each success is seen at once. The reference mode.
+    Immediate,
+}
+
+/// Where step 2's calcium comes from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum CalciumSource {
+    /// Fitted with the rest (the paper's choice).
+    Rice,
+}
+
+/// Step 2: differential evolution at the cell (SPEC section 6).
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct CellFitSettings {
+    /// Seed; each patient draws from its own stream.
+    pub seed: u64,
+    /// Population = this × number of parameters.
+    pub popsize: u32,
+    /// Converged when the spread of costs is below this share of their mean.
+    pub tol: f64,
+    /// Absolute part of the same.
+    pub atol: f64,
+    /// Largest number of generations.
+    pub max_generations: u32,
+    /// Range from which the mutation factor of a generation is drawn.
+    pub mutation: [f64; 2],
+    /// Crossover probability.
+    pub recombination: f64,
+    /// Batch or immediate.
+    pub updating: Updating,
+    /// Gradient polish at the end.
+    pub polish: bool,
+    /// Where calcium comes from.
+    pub calcium: CalciumSource,
+    /// Fitted parameters, in order.
+    pub parameters: Vec<String>,
+    /// Bounds of the fitted parameters, lower and upper (Table A5).
+    pub bounds: BTreeMap<String, [f64; 2]>,
+    /// Weights of the squared relative differences.
+    pub weights: BTreeMap<String, f64>,
+    /// Parameters held at a value other than the default.
+    pub frozen: BTreeMap<String, f64>,
+}
+
+impl Default for CellFitSettings {
+    fn default() -> Self {
+        let bounds = [
+            ("n_TRPN", [1.0, 5.0]),
+            ("beta_1_uM", [-3.6, -1.2]),
+            ("n_Tm", [3.0, 7.0]),
+            ("Ca50_ref_uM", [0.5, 2.0]),
+            ("k_UW_per_ms", [0.026, 0.312]),
+            ("Ca_res_uM", [0.075, 0.225]),
+            ("Ca_max_uM", [0.3, 0.9]),
+            ("tau_CR_ms", [64.5, 192.5]),
+            ("tau_CD_ms", [64.0, 192.0]),
+            ("a_p_kPa", [1.0, 100.0]),
+        ];
+        Self {
+            seed: 1,
+            popsize: 15,
+            tol: 0.01,
+            atol: 0.0,
+            max_generations: 1000,
+            mutation: [0.5, 1.0],
+            recombination: 0.7,
+            updating: Updating::Deferred,
+            polish: true,
+            calcium: CalciumSource::Rice,
+            parameters: bounds.iter().map(|(name, _)| (*name).to_owned()).collect(),
+            bounds: bounds.into_iter().map(|(name, range)| (name.to_owned(), range)).collect(),
+            weights: [
+                ("Sa_max_kPa", 5.0),
+                ("dSadt_max_kPa_per_ms", 1.0),
+                ("STD30_ms", 5.0),
+                ("STD50_ms", 1.0),
+                ("STD90_ms", 1.0),
+                ("lambda_min", 100.0),
+            ]
+            .into_iter()
+            .map(|(name, weight)| (name.to_owned(), weight))
+            .collect(),
+            frozen: BTreeMap::new(),
+        }
+    }
+}
+
+/// The verification beat.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct VerificationSettings {
+    /// Whether it is run.
+    pub enabled: bool,
+}
+
+impl Default for VerificationSettings {
+    fn default() -> Self {
+        Self { enabled: true }
+    }
+}
+
+/// Where tasks run.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum ExecutorKind {
+    /// Worker processes on this machine.
+    Local,
+    /// No-op tasks inside the coordinator: measures orchestration.
+    InProcess,
+}
+
+/// Where tasks run and how many at once. Never part of a task's key.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct ExecutorSettings {
+    /// Which executor.
+    pub kind: ExecutorKind,
+    /// Workers at once; 0 is one for each core.
+    pub workers: u32,
+    /// Threads of each worker.
+    pub threads: u32,
+    /// How often a task that failed for the site's sake (killed, disk full) is tried again by itself.
+    pub site_retries: u32,
+    /// A worker that writes no progress and does not end for so long is taken for hung and killed; 0 is never.
+    pub hang_timeout_s: f64,
+}
+
+impl Default for ExecutorSettings {
+    fn default() -> Self {
+        Self { kind: ExecutorKind::Local, workers: 0, threads: 1, site_retries: 2, hang_timeout_s: 0.0 }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_unknown_key_is_refused_by_name() {
+        let error = serde_json::from_str::<Settings>(r#"{"step1":{"toleranse":1}}"#).unwrap_err();
+        assert!(error.to_string().contains("toleranse"), "{error}");
+    }
+
+    #[test]
+    fn defaults_are_the_papers() {
+        let settings = Settings::default();
+        assert_eq!(settings.step2.parameters.len(), 10);
+        assert_eq!(settings.step2.popsize * 10, 150);
+        assert_eq!(settings.step1.tolerance, 0.1);
+    }
+}

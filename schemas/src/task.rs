@@ -1,0 +1,241 @@
+//! What is wanted: a task's specification and its key.
+
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::biomarkers::{Biomarkers, CellBiomarkers};
+use crate::hash::{canonical_json, sha256_hex};
+use crate::ids::{AttemptId, TaskKey};
+use crate::organ::{BeatCount, CirculationSpec, ContractionSpec, OrganSpec, ValveParameters, WindkesselParameters};
+use crate::settings::{ActivationSettings, CellFitSettings, StartMode};
+
+/// A file that a task reads. The path is where it lies now; only name and content enter the key.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct InputFile {
+    /// Role, for example `pressure`.
+    pub name: String,
+    /// Absolute path.
+    pub path: PathBuf,
+    /// SHA-256 of the content.
+    pub sha256: String,
+}
+
+/// One kind of work with everything that it depends on.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(tag = "kind", rename_all = "kebab-case")]
+pub enum TaskSpec {
+    /// Step 0: passive state, loads, measured biomarkers.
+    PassiveState(Box<PassiveStateSpec>),
+    /// One simulation of the organ: an iteration of step 1, or the verification beat.
+    OrganBeat(Box<OrganBeatSpec>),
+    /// Median nodal traces and step 2's targets.
+    Targets(TargetsSpec),
+    /// Step 2: differential evolution at the cell.
+    CellFit(Box<CellFitSpec>),
+    /// Nothing: measures orchestration.
+    Noop(NoopSpec),
+}
+
+impl TaskSpec {
+    /// The kind as in files and tables.
+    #[must_use]
+    pub fn kind(&self) -> &'static str {
+        match self {
+            Self::PassiveState(_) => "passive-state",
+            Self::OrganBeat(_) => "organ-beat",
+            Self::Targets(_) => "targets",
+            Self::CellFit(_) => "cell-fit",
+            Self::Noop(_) => "noop",
+        }
+    }
+
+    /// Raised by hand when the results of a kind change; part of the key.
+    #[must_use]
+    pub fn model_version(&self) -> u32 {
+        match self {
+            Self::PassiveState(_) | Self::OrganBeat(_) | Self::Targets(_) | Self::CellFit(_) | Self::Noop(_) => 1,
+        }
+    }
+
+    /// Canonical JSON with the model version and without paths: what the key hashes and `explain` compares.
+    ///
+    /// # Panics
+    /// Never: every spec can be represented in JSON.
+    #[must_use]
+    pub fn canonical(&self) -> String {
+        let mut value = serde_json::to_value(self).expect("a task spec is JSON");
+        strip_paths(&mut value);
+        value["model_version"] = self.model_version().into();
+        canonical_json(&value).expect("a JSON value is JSON")
+    }
+
+    /// The task's identity.
+    #[must_use]
+    pub fn key(&self) -> TaskKey {
+        TaskKey(sha256_hex(self.canonical().as_bytes()))
+    }
+}
+
+/// Removes `path` beside `sha256`: where a file lies does not change what it says.
+fn strip_paths(value: &mut serde_json::Value) {
+    match value {
+        serde_json::Value::Object(map) => {
+            if map.contains_key("sha256") {
+                map.remove("path");
+            }
+            map.values_mut().for_each(strip_paths);
+        }
+        serde_json::Value::Array(items) => items.iter_mut().for_each(strip_paths),
+        _ => {}
+    }
+}
+
+/// Step 0 (SPEC section 3, "passive state", and section 4).
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct PassiveStateSpec {
+    /// Cycle length.
+    pub cycle_length_ms: f64,
+    /// Measured pressure trace.
+    pub pressure: Option<InputFile>,
+    /// Measured volume trace.
+    pub volume: Option<InputFile>,
+    /// Measured biomarkers given directly; they fill what traces do not give, and win over them.
+    pub biomarkers: Biomarkers,
+    /// Measured end-diastolic pressure.
+    #[serde(rename = "end_diastolic_pressure_mmHg")]
+    pub end_diastolic_pressure_mmhg: Option<f64>,
+    /// Measured end-diastolic volume where there is no volume trace.
+    #[serde(rename = "end_diastolic_volume_mL")]
+    pub end_diastolic_volume_ml: Option<f64>,
+    /// Time of the whole-heart image.
+    pub diastasis_time_ms: Option<f64>,
+    /// Volume of the whole-heart image.
+    #[serde(rename = "diastasis_volume_mL")]
+    pub diastasis_volume_ml: Option<f64>,
+    /// Cuff or aortic pressure, systolic.
+    #[serde(rename = "aortic_systolic_mmHg")]
+    pub aortic_systolic_mmhg: Option<f64>,
+    /// Cuff or aortic pressure, diastolic.
+    #[serde(rename = "aortic_diastolic_mmHg")]
+    pub aortic_diastolic_mmhg: Option<f64>,
+    /// Wall volume; estimated and flagged when absent.
+    #[serde(rename = "wall_volume_mL")]
+    pub wall_volume_ml: Option<f64>,
+    /// Passive exponent, where known.
+    pub passive_exponent: Option<f64>,
+    /// Windkessel, where determined beforehand.
+    pub afterload: Option<WindkesselParameters>,
+    /// Filling pressure, where known.
+    #[serde(rename = "left_atrial_pressure_mmHg")]
+    pub left_atrial_pressure_mmhg: Option<f64>,
+    /// Where the beat starts.
+    pub start: StartMode,
+    /// Activation of the reduced ventricle.
+    pub activation: ActivationSettings,
+}
+
+/// One simulation of the organ.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct OrganBeatSpec {
+    /// Cycle length.
+    pub cycle_length_ms: f64,
+    /// Largest time step.
+    pub time_step_ms: f64,
+    /// Shortest time step: below it the simulation has diverged.
+    pub shortest_step_ms: f64,
+    /// Newton iterations after which a step fails.
+    pub newton_iterations: u32,
+    /// Which organ, with its passive state.
+    pub organ: OrganSpec,
+    /// Loads.
+    pub circulation: CirculationSpec,
+    /// Valves.
+    pub valves: ValveParameters,
+    /// Active stress.
+    pub contraction: ContractionSpec,
+    /// How many beats.
+    pub beats: BeatCount,
+    /// For `end_of_beat_gap`.
+    #[serde(rename = "measured_end_diastolic_volume_mL")]
+    pub measured_end_diastolic_volume_ml: Option<f64>,
+}
+
+/// Median nodal traces and step 2's targets from an organ simulation's nodal traces.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct TargetsSpec {
+    /// `nodal.csv` of the simulation.
+    pub nodal: InputFile,
+}
+
+/// Step 2 (SPEC section 6).
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct CellFitSpec {
+    /// Cycle length.
+    pub cycle_length_ms: f64,
+    /// First value of the median stretch trace.
+    pub lambda_0: f64,
+    /// What is to be reached.
+    pub targets: CellBiomarkers,
+    /// Method, parameters, bounds, weights, frozen values.
+    pub settings: CellFitSettings,
+    /// Seed of every random number of this fit.
+    pub seed: u64,
+    /// Parameters that are not fitted and differ from the defaults.
+    pub fixed: BTreeMap<String, f64>,
+}
+
+/// Nothing to do.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct NoopSpec {
+    /// Makes tasks distinct.
+    pub label: String,
+    /// How long it pretends to work.
+    pub sleep_ms: u64,
+}
+
+/// `spec.json` of an attempt: the task, and which try this is.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct AttemptSpec {
+    /// Format version.
+    pub schema_version: u32,
+    /// Which try of which task.
+    pub attempt: AttemptId,
+    /// Threads that the worker may use.
+    pub threads: u32,
+    /// The task.
+    pub task: TaskSpec,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn targets(path: &str, sha256: &str) -> TaskSpec {
+        TaskSpec::Targets(TargetsSpec {
+            nodal: InputFile { name: "nodal".into(), path: path.into(), sha256: sha256.into() },
+        })
+    }
+
+    #[test]
+    fn a_moved_file_keeps_the_key_and_a_changed_one_does_not() {
+        assert_eq!(targets("/a", "1").key(), targets("/b", "1").key());
+        assert_ne!(targets("/a", "1").key(), targets("/a", "2").key());
+    }
+
+    #[test]
+    fn spec_survives_json() {
+        let spec = targets("/a", "1");
+        let text = serde_json::to_string(&spec).unwrap();
+        assert_eq!(serde_json::from_str::<TaskSpec>(&text).unwrap(), spec);
+    }
+}

@@ -1,0 +1,140 @@
+//! Fits of made traces with known truth.
+
+use super::*;
+use crate::normal;
+use crate::random::{Purpose, generator};
+use rand::Rng;
+
+/// Rice's transient, accurate for equal time constants: e^{-s/τ1} (1 - e^{-s (1/τ2 - 1/τ1)}) over its peak.
+fn rice(p: &RiceParameters, times_ms: &[f64]) -> Option<Vec<f64>> {
+    let (slow, fast) = (1.0 / p.tau_cr_ms.max(p.tau_cd_ms), 1.0 / p.tau_cr_ms.min(p.tau_cd_ms));
+    let gap = (p.tau_cr_ms - p.tau_cd_ms).abs() / (p.tau_cr_ms * p.tau_cd_ms);
+    let rise = |s: f64| if gap * s < 1e-12 { s } else { -(-gap * s).exp_m1() / gap };
+    let shape = |s: f64| if s > 0.0 { (-slow * s).exp() * rise(s) } else { 0.0 };
+    let peak = shape(if gap < 1e-9 * slow { 1.0 / slow } else { (fast / slow).ln() / gap });
+    Some(times_ms.iter().map(|s| p.ca_res_um + (p.ca_max_um - p.ca_res_um) * shape(*s) / peak).collect())
+}
+
+fn truth(tau_cr_ms: f64, tau_cd_ms: f64) -> RiceParameters {
+    RiceParameters { ca_res_um: 0.15, ca_max_um: 0.6, tau_cr_ms, tau_cd_ms }
+}
+
+fn times() -> Vec<f64> {
+    (0..100).map(|i| 10.0 * f64::from(i)).collect()
+}
+
+/// A trace with independent normal noise.
+fn noisy(p: &RiceParameters, standard_deviation: f64, seed: u64) -> Vec<f64> {
+    let mut random = generator(seed, Purpose::LatinHypercube, [7, 7]);
+    let mut noise = || standard_deviation * normal::quantile(random.random_range(1e-12..1.0 - 1e-12));
+    rice(p, &times()).unwrap().into_iter().map(|v| v + noise()).collect()
+}
+
+fn fitted(trace: &[f64]) -> CalciumFit {
+    fit_calcium(&times(), trace, &rice, CalciumFitSettings::default()).unwrap()
+}
+
+fn covers(estimate: &Estimate, truth: f64) -> bool {
+    estimate.lower.is_none_or(|l| l <= truth) && estimate.upper.is_none_or(|u| u >= truth)
+}
+
+#[test]
+fn an_exact_trace_gives_its_parameters_back() {
+    let expected = truth(210.0, 55.0);
+    let fit = fitted(&rice(&expected, &times()).unwrap());
+    let p = fit.parameters;
+    assert!(fit.converged && fit.time_constants == TimeConstants::Distinct, "{fit:?}");
+    assert!((p.ca_res_um - 0.15).abs() < 1e-8 && (p.ca_max_um - 0.6).abs() < 1e-8);
+    assert!((p.tau_cr_ms - 210.0).abs() < 1e-5 && (p.tau_cd_ms - 55.0).abs() < 1e-5, "{p:?}");
+    // Exchanged, the curve and so the answer are the same.
+    let exchanged = fitted(&rice(&truth(55.0, 210.0), &times()).unwrap());
+    assert!((exchanged.parameters.tau_cr_ms - 210.0).abs() < 1e-5);
+}
+
+#[test]
+fn activation_is_taken_off() {
+    let shifted: Vec<f64> = times().iter().map(|t| t - 40.0).collect();
+    let trace = rice(&truth(180.0, 70.0), &shifted).unwrap();
+    let settings = CalciumFitSettings { activation_ms: 40.0, ..CalciumFitSettings::default() };
+    let fit = fit_calcium(&times(), &trace, &rice, settings).unwrap();
+    assert!((fit.parameters.tau_cr_ms - 180.0).abs() < 1e-5, "{fit:?}");
+}
+
+/// The refit of the paper's data has equal constants: a trace narrower than any transient pushes them together.
+#[test]
+fn a_narrow_trace_has_equal_time_constants() {
+    let narrow = |s: f64| {
+        let x = s / 65.0;
+        // A gamma curve of a higher power: sharper than s e^{-s}.
+        0.15 + 0.45 * (x / 2.0).powf(2.0) * (2.0 - x).exp()
+    };
+    let fit = fitted(&times().into_iter().map(narrow).collect::<Vec<_>>());
+    assert_eq!(fit.time_constants, TimeConstants::Equal);
+    assert_eq!(fit.parameters.tau_cr_ms, fit.parameters.tau_cd_ms);
+    assert_eq!((fit.tau_cr_ms.standard_error, fit.tau_cd_ms.standard_error), (None, None));
+    assert!(fit.tau_mean_ms.standard_error.is_some() && fit.tau_mean_ms.lower.is_some());
+    // What misses the shape is no noise.
+    assert!(fit.residual_correlation > 0.9, "{fit:?}");
+    assert!(fit.time_constants.explanation().contains("equal"));
+}
+
+#[test]
+fn equal_time_constants_in_noise_are_not_told_apart() {
+    let (mut n_equal, mut n_covered) = (0, 0);
+    for seed in 0..30 {
+        let fit = fitted(&noisy(&truth(129.87, 129.87), 0.01, seed));
+        assert!(fit.residual_correlation.abs() < 0.35, "{fit:?}");
+        n_equal += usize::from(fit.time_constants != TimeConstants::Distinct);
+        n_covered += usize::from(covers(&fit.tau_mean_ms, 129.87));
+        // Each alone is far less sure than their mean.
+        let width = |e: &Estimate| e.upper.unwrap() - e.lower.unwrap();
+        assert!(width(&fit.tau_cr_ms) + width(&fit.tau_cd_ms) > 4.0 * width(&fit.tau_mean_ms), "{fit:?}");
+    }
+    // Equal constants are the edge of what is possible: half of the usual 5 % lie beyond.
+    assert!(n_equal >= 26 && n_covered >= 25, "{n_equal} {n_covered}");
+}
+
+/// Intervals of 95 % cover the truth in about 95 % of noisy traces.
+#[test]
+fn intervals_cover() {
+    let expected = truth(200.0, 60.0);
+    let n = 100;
+    let mut covered = [0; 5];
+    let mut linear = 0;
+    for seed in 0..n {
+        let fit = fitted(&noisy(&expected, 0.02, 100 + seed));
+        assert_eq!(fit.time_constants, TimeConstants::Distinct);
+        let pairs = [
+            (fit.ca_res_um, 0.15),
+            (fit.ca_max_um, 0.6),
+            (fit.tau_cr_ms, 200.0),
+            (fit.tau_cd_ms, 60.0),
+            (fit.tau_mean_ms, 130.0),
+        ];
+        for (count, (estimate, truth)) in covered.iter_mut().zip(pairs) {
+            *count += usize::from(covers(&estimate, truth));
+        }
+        linear += usize::from((fit.ca_max_um.value - 0.6).abs() <= 1.96 * fit.ca_max_um.standard_error.unwrap());
+    }
+    // Binomial with n = 100 and 0.95: below 88 with a probability of 0.4 %.
+    assert!(covered.iter().all(|c| *c >= 88), "{covered:?}");
+    assert!(linear >= 88, "{linear}");
+    assert!(covered.iter().any(|c| *c < 100), "{covered:?}");
+}
+
+#[test]
+fn what_is_no_transient_is_refused_by_name() {
+    let refused = |times: &[f64], trace: &[f64]| {
+        fit_calcium(times, trace, &rice, CalciumFitSettings::default()).unwrap_err().to_string()
+    };
+    let t = times();
+    assert!(refused(&t[..5], &[0.1; 5]).contains("5 times"));
+    assert!(refused(&t, &[0.1; 99]).contains("99 values"));
+    let falling: Vec<f64> = t.iter().map(|s| (-s / 100.0).exp()).collect();
+    assert!(refused(&t, &falling).contains("does not rise"));
+    let mut broken = noisy(&truth(100.0, 80.0), 0.01, 0);
+    broken[17] = f64::NAN;
+    assert!(refused(&t, &broken).contains("sample 17 at 170 ms"));
+    let never = fit_calcium(&t, &noisy(&truth(100.0, 80.0), 0.01, 0), &|_, _| None, CalciumFitSettings::default());
+    assert!(matches!(never, Err(CalciumFitError::LeastSquares(_))));
+}

@@ -1,0 +1,374 @@
+//! The optimiser: what it asks for, what it makes of the answers, when it ends.
+
+use super::{DifferentialEvolutionError, Settings, Updating};
+use crate::lbfgsb::Lbfgsb;
+use crate::random::{Purpose, generator};
+use crate::statistics::{mean, population_standard_deviation};
+use crate::storage::worst_if_not_finite;
+use crate::{Interval, latin_hypercube};
+use rand::Rng;
+use serde::{Deserialize, Serialize};
+
+/// Where the optimisation stands.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Stage {
+    /// The first population is asked for.
+    FirstPopulation,
+    /// Generations are asked for.
+    Evolution,
+    /// The best member is polished.
+    Polish,
+    /// It is over.
+    Ended,
+}
+
+/// Why the generations ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Ending {
+    /// The costs' spread fell below the tolerance.
+    Converged,
+    /// The largest number of generations was made.
+    Generations,
+}
+
+/// The result of an optimisation that has ended.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Outcome {
+    /// Best parameters, in their units.
+    pub parameters: Vec<f64>,
+    /// Their cost; infinite if no evaluation succeeded.
+    #[serde(with = "crate::storage::cost")]
+    pub cost: f64,
+    /// Why the generations ended.
+    pub ending: Ending,
+    /// Generations after the first population.
+    pub n_generations: usize,
+    /// All evaluations: members × (generations + 1) + (D + 1) × gradients of the polish.
+    pub n_evaluations: usize,
+    /// Those of the polish.
+    pub n_polish_evaluations: usize,
+    /// Whether the polish found a lower cost, and the parameters are its.
+    pub polished: bool,
+}
+
+/// Differential evolution; serialise it after any [`DifferentialEvolution::tell`] to go on from there bit for bit.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct DifferentialEvolution {
+    settings: Settings,
+    bounds: Vec<Interval>,
+    /// Members in unit coordinates, shape (members, D); the best one first once all are evaluated.
+    population: Vec<Vec<f64>>,
+    #[serde(with = "crate::storage::costs")]
+    costs: Vec<f64>,
+    stage: Stage,
+    /// The generation that is asked for, from 1; 0 is the first population.
+    generation: usize,
+    /// The member whose trial is asked for next (immediate updating).
+    candidate: usize,
+    n_evaluations: usize,
+    ending: Option<Ending>,
+    polish: Option<Lbfgsb>,
+    polished: bool,
+    /// The trials under way, so that they are made once; not stored, since they follow from the rest.
+    #[serde(skip)]
+    pending: Pending,
+}
+
+/// Trials that follow from the rest of the state, so that having made them or not is no difference between two states.
+#[derive(Debug, Clone, Default)]
+struct Pending(Vec<Vec<f64>>);
+
+impl PartialEq for Pending {
+    fn eq(&self, _: &Self) -> bool {
+        true
+    }
+}
+
+impl DifferentialEvolution {
+    /// Begins with a Latin hypercube in the box; guesses (shape (any, D)) replace its first members, cut to the box.
+    ///
+    /// # Errors
+    /// [`DifferentialEvolutionError`] when the box, a setting or a guess makes no sense.
+    pub fn new(
+        bounds: &[Interval],
+        guesses: &[Vec<f64>],
+        settings: Settings,
+    ) -> Result<Self, DifferentialEvolutionError> {
+        Interval::validate(bounds)?;
+        settings.validate()?;
+        let n_members = settings.n_members(bounds);
+        let mut population = latin_hypercube::unit(n_members, bounds.len(), settings.seed);
+        for (idx, guess) in guesses.iter().enumerate() {
+            if guess.len() != bounds.len() || idx >= n_members {
+                let (n_guess, n_bounds) = (guess.len(), bounds.len());
+                return Err(DifferentialEvolutionError::Guess { idx, n_guess, n_bounds, n_members });
+            }
+            population[idx] = guess.iter().zip(bounds).map(|(x, b)| b.to_unit(b.clamp(*x))).collect();
+        }
+        Ok(Self {
+            settings,
+            bounds: bounds.to_vec(),
+            costs: vec![f64::INFINITY; n_members],
+            population,
+            stage: Stage::FirstPopulation,
+            generation: 0,
+            candidate: 0,
+            n_evaluations: 0,
+            ending: None,
+            polish: None,
+            polished: false,
+            pending: Pending::default(),
+        })
+    }
+
+    /// The points to evaluate next, each of length D, in the parameters' units and inside the box; empty at the end.
+    #[must_use]
+    pub fn ask(&self) -> Vec<Vec<f64>> {
+        match self.stage {
+            Stage::Polish => self.polish.as_ref().map_or_else(Vec::new, Lbfgsb::ask),
+            _ if self.pending.0.is_empty() => self.make_trials().iter().map(|trial| self.scale(trial)).collect(),
+            _ => self.pending.0.iter().map(|trial| self.scale(trial)).collect(),
+        }
+    }
+
+    /// Takes the costs of the points that [`Self::ask`] gave, in their order; those not finite count as infinite.
+    ///
+    /// # Errors
+    /// [`DifferentialEvolutionError`] when the number of costs differs or the optimisation has ended.
+    pub fn tell(&mut self, costs: &[f64]) -> Result<(), DifferentialEvolutionError> {
+        if self.stage == Stage::Polish {
+            return self.tell_polish(costs);
+        }
+        self.tell_trials(costs)?;
+        if self.stage == Stage::Evolution {
+            self.pending = Pending(self.make_trials());
+        }
+        Ok(())
+    }
+
+    fn tell_trials(&mut self, costs: &[f64]) -> Result<(), DifferentialEvolutionError> {
+        let n_points = match (self.stage, self.settings.updating) {
+            (Stage::Ended, _) => return Err(DifferentialEvolutionError::Ended),
+            (Stage::Evolution, Updating::Immediate) => 1,
+            _ => self.population.len(),
+        };
+        if costs.len() != n_points {
+            return Err(DifferentialEvolutionError::Costs { n_costs: costs.len(), n_points });
+        }
+        self.n_evaluations += n_points;
+        let costs: Vec<f64> = costs.iter().copied().map(worst_if_not_finite).collect();
+        match (self.stage, self.settings.updating) {
+            (Stage::FirstPopulation, _) => {
+                self.costs = costs;
+                self.promote_best();
+                self.stage = Stage::Evolution;
+                self.generation = 1;
+                Ok(())
+            }
+            (_, Updating::Deferred) => {
+                let trials = self.take_trials();
+                for (i, (trial, cost)) in trials.into_iter().zip(costs).enumerate() {
+                    self.select(i, trial, cost);
+                }
+                self.promote_best();
+                self.end_generation()
+            }
+            (_, Updating::Immediate) => {
+                let trial = self.take_trials().swap_remove(0);
+                if self.select(self.candidate, trial, costs[0]) && costs[0] <= self.costs[0] {
+                    self.promote_best();
+                }
+                self.candidate += 1;
+                if self.candidate < self.population.len() {
+                    return Ok(());
+                }
+                self.candidate = 0;
+                self.end_generation()
+            }
+        }
+    }
+
+    /// Where the optimisation stands.
+    #[must_use]
+    pub fn stage(&self) -> Stage {
+        self.stage
+    }
+
+    /// Generations completed after the first population.
+    #[must_use]
+    pub fn n_generations(&self) -> usize {
+        match self.stage {
+            Stage::FirstPopulation | Stage::Evolution => self.generation.saturating_sub(1),
+            Stage::Polish | Stage::Ended => self.generation,
+        }
+    }
+
+    /// Evaluations told so far, those of the polish included.
+    #[must_use]
+    pub fn n_evaluations(&self) -> usize {
+        self.n_evaluations + self.n_polish_evaluations()
+    }
+
+    /// Standard deviation of the costs over their mean's magnitude, dimensionless: converged at `tol` or below.
+    #[must_use]
+    pub fn spread(&self) -> f64 {
+        if self.costs.iter().any(|c| c.is_infinite()) {
+            return f64::INFINITY;
+        }
+        population_standard_deviation(&self.costs) / (mean(&self.costs).abs() + f64::EPSILON)
+    }
+
+    /// The best parameters so far, in their units, and their cost.
+    #[must_use]
+    pub fn best(&self) -> (Vec<f64>, f64) {
+        match &self.polish {
+            Some(polish) if self.polished => (polish.best().0.to_vec(), polish.best().1),
+            _ => (self.scale(&self.population[0]), self.costs[0]),
+        }
+    }
+
+    /// All members in their units, shape (members, D), and their costs; the best one first. Near-optimal members tell
+    /// what the data determine.
+    #[must_use]
+    pub fn members(&self) -> (Vec<Vec<f64>>, &[f64]) {
+        (self.population.iter().map(|m| self.scale(m)).collect(), &self.costs)
+    }
+
+    /// The result, once the optimisation has ended.
+    #[must_use]
+    pub fn outcome(&self) -> Option<Outcome> {
+        let ending = self.ending.filter(|_| self.stage == Stage::Ended)?;
+        let (parameters, cost) = self.best();
+        Some(Outcome {
+            parameters,
+            cost,
+            ending,
+            n_generations: self.generation,
+            n_evaluations: self.n_evaluations(),
+            n_polish_evaluations: self.n_polish_evaluations(),
+            polished: self.polished,
+        })
+    }
+
+    fn n_polish_evaluations(&self) -> usize {
+        self.polish.as_ref().map_or(0, Lbfgsb::n_evaluations)
+    }
+
+    fn scale(&self, member: &[f64]) -> Vec<f64> {
+        member.iter().zip(&self.bounds).map(|(u, b)| b.from_unit(*u)).collect()
+    }
+
+    /// The trials under way, made again if the state was stored since they were asked for.
+    fn take_trials(&mut self) -> Vec<Vec<f64>> {
+        if self.pending.0.is_empty() { self.make_trials() } else { std::mem::take(&mut self.pending.0) }
+    }
+
+    /// The points of the next batch in unit coordinates.
+    fn make_trials(&self) -> Vec<Vec<f64>> {
+        match (self.stage, self.settings.updating) {
+            (Stage::FirstPopulation, _) => self.population.clone(),
+            (Stage::Evolution, Updating::Deferred) => {
+                let scale = self.mutation_scale();
+                (0..self.population.len()).map(|i| self.trial(i, scale)).collect()
+            }
+            (Stage::Evolution, Updating::Immediate) => vec![self.trial(self.candidate, self.mutation_scale())],
+            (Stage::Polish | Stage::Ended, _) => Vec::new(),
+        }
+    }
+
+    /// One scale for the whole generation, drawn anew for each.
+    fn mutation_scale(&self) -> f64 {
+        let [low, high] = self.settings.mutation;
+        let u: f64 = generator(self.settings.seed, Purpose::Dither, [self.generation as u64, 0]).random();
+        low + (high - low) * u
+    }
+
+    /// DE/best/1/bin for one member.
+    fn trial(&self, candidate: usize, scale: f64) -> Vec<f64> {
+        let position = [self.generation as u64, candidate as u64];
+        let mut rng = generator(self.settings.seed, Purpose::Trials, position);
+        let (n, n_dimensions) = (self.population.len(), self.bounds.len());
+        let mut other = |taken: &[usize]| loop {
+            let i = rng.random_range(0..n);
+            if !taken.contains(&i) {
+                return i;
+            }
+        };
+        let first = other(&[candidate]);
+        let second = other(&[candidate, first]);
+        let from_mutant = rng.random_range(0..n_dimensions);
+        let (best, a, b) = (&self.population[0], &self.population[first], &self.population[second]);
+        let mut trial = self.population[candidate].clone();
+        for (d, value) in trial.iter_mut().enumerate() {
+            let crossover = rng.random::<f64>() < self.settings.recombination;
+            if crossover || d == from_mutant {
+                *value = best[d] + scale * (a[d] - b[d]);
+            }
+            if !(0.0..=1.0).contains(value) {
+                *value = rng.random();
+            }
+        }
+        trial
+    }
+
+    /// A trial that is no worse takes its member's place.
+    fn select(&mut self, i: usize, trial: Vec<f64>, cost: f64) -> bool {
+        let accepted = cost <= self.costs[i];
+        if accepted {
+            self.population[i] = trial;
+            self.costs[i] = cost;
+        }
+        accepted
+    }
+
+    /// Exchanges the first member with the best one.
+    fn promote_best(&mut self) {
+        let mut best = 0;
+        for (i, cost) in self.costs.iter().enumerate() {
+            if *cost < self.costs[best] {
+                best = i;
+            }
+        }
+        self.population.swap(0, best);
+        self.costs.swap(0, best);
+    }
+
+    fn is_converged(&self) -> bool {
+        self.costs.iter().all(|c| c.is_finite())
+            && population_standard_deviation(&self.costs)
+                <= self.settings.atol + self.settings.tol * mean(&self.costs).abs()
+    }
+
+    fn end_generation(&mut self) -> Result<(), DifferentialEvolutionError> {
+        self.ending = if self.is_converged() {
+            Some(Ending::Converged)
+        } else if self.generation >= self.settings.maxiter {
+            Some(Ending::Generations)
+        } else {
+            None
+        };
+        match (self.ending, self.settings.polish) {
+            (None, _) => self.generation += 1,
+            // Without a single finite cost there is nothing to polish.
+            (Some(_), Some(settings)) if self.costs[0].is_finite() => {
+                self.polish = Some(Lbfgsb::new(&self.scale(&self.population[0]), &self.bounds, settings)?);
+                self.stage = Stage::Polish;
+            }
+            (Some(_), _) => self.stage = Stage::Ended,
+        }
+        Ok(())
+    }
+
+    fn tell_polish(&mut self, costs: &[f64]) -> Result<(), DifferentialEvolutionError> {
+        let Some(polish) = &mut self.polish else { return Err(DifferentialEvolutionError::Ended) };
+        polish.tell(costs)?;
+        if let Some(ending) = polish.ending() {
+            // As in SciPy, a polish that did not come to its own end is not trusted.
+            self.polished = ending.is_success() && polish.best().1 < self.costs[0];
+            self.stage = Stage::Ended;
+        }
+        Ok(())
+    }
+}

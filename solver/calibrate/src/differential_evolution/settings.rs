@@ -1,0 +1,123 @@
+//! What may be set of differential evolution.
+
+use crate::lbfgsb::{self, LbfgsbError};
+use crate::{Interval, IntervalError};
+use serde::{Deserialize, Serialize};
+
+/// When a better trial takes its member's place.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Updating {
+    /// At the end of the generation: a generation is one batch.
+    #[default]
+    Deferred,
+    /// At once: a batch is one point.
+    Immediate,
+}
+
+/// Settings; defaults are `SciPy`'s, but for the updating.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Settings {
+    /// Members of the population for each parameter whose interval has a width.
+    pub popsize: usize,
+    /// The mutation's scale is drawn from this interval once a generation, dimensionless.
+    pub mutation: [f64; 2],
+    /// Probability that a parameter comes from the mutant, dimensionless.
+    pub recombination: f64,
+    /// Converged when the costs' standard deviation is at most this fraction of their mean's magnitude, dimensionless.
+    pub tol: f64,
+    /// Added to that bound, in the cost's unit.
+    pub atol: f64,
+    /// Largest number of generations after the first population.
+    pub maxiter: usize,
+    /// When a better trial takes its member's place.
+    pub updating: Updating,
+    /// Settings of the polish; none leaves it out.
+    pub polish: Option<lbfgsb::Settings>,
+    /// Seed of all random numbers.
+    pub seed: u64,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self {
+            popsize: 15,
+            mutation: [0.5, 1.0],
+            recombination: 0.7,
+            tol: 0.01,
+            atol: 0.0,
+            maxiter: 1000,
+            updating: Updating::default(),
+            polish: Some(lbfgsb::Settings::default()),
+            seed: 0,
+        }
+    }
+}
+
+/// What is wrong with what differential evolution was given.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum DifferentialEvolutionError {
+    /// The box makes no sense.
+    #[error(transparent)]
+    Interval(#[from] IntervalError),
+    /// A setting that makes no sense.
+    #[error("setting {key} is {value}, but must be {expected}")]
+    Setting {
+        /// Key of the setting.
+        key: &'static str,
+        /// Its value.
+        value: f64,
+        /// What it must be.
+        expected: &'static str,
+    },
+    /// A guess that does not fit the box, or more guesses than members.
+    #[error("guess {idx} has {n_guess} parameters of {n_bounds}, and the population takes {n_members} guesses")]
+    Guess {
+        /// Position of the guess.
+        idx: usize,
+        /// Its number of parameters.
+        n_guess: usize,
+        /// Number of intervals.
+        n_bounds: usize,
+        /// Number of members.
+        n_members: usize,
+    },
+    /// Another number of costs than points were asked for.
+    #[error("{n_costs} costs were told for {n_points} points")]
+    Costs {
+        /// Costs told.
+        n_costs: usize,
+        /// Points asked.
+        n_points: usize,
+    },
+    /// Nothing is being asked any more.
+    #[error("costs were told after the optimisation had ended")]
+    Ended,
+    /// The polish refused its start or its costs.
+    #[error("the polish failed")]
+    Polish(#[from] LbfgsbError),
+}
+
+impl Settings {
+    /// Number of members for a box: `popsize` for each parameter with a width, at least five.
+    #[must_use]
+    pub fn n_members(&self, bounds: &[Interval]) -> usize {
+        let n_free = bounds.iter().filter(|b| b.width() > 0.0).count();
+        (self.popsize * n_free.max(1)).max(5)
+    }
+
+    pub(super) fn validate(&self) -> Result<(), DifferentialEvolutionError> {
+        let check = |key, value: f64, ok: bool, expected| {
+            if ok { Ok(()) } else { Err(DifferentialEvolutionError::Setting { key, value, expected }) }
+        };
+        let [low, high] = self.mutation;
+        check("popsize", self.popsize as f64, self.popsize > 0, "at least 1")?;
+        check("mutation", low, (0.0..2.0).contains(&low), "at least 0 and below 2")?;
+        check("mutation", high, high >= low && high < 2.0, "at least the lower one and below 2")?;
+        check("recombination", self.recombination, (0.0..=1.0).contains(&self.recombination), "from 0 to 1")?;
+        check("tol", self.tol, self.tol >= 0.0 && self.tol.is_finite(), "at least 0")?;
+        check("atol", self.atol, self.atol >= 0.0 && self.atol.is_finite(), "at least 0")?;
+        check("maxiter", self.maxiter as f64, self.maxiter > 0, "at least 1")
+    }
+}

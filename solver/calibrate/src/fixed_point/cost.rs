@@ -1,0 +1,150 @@
+//! The cost of an iteration: squared relative differences of its biomarkers to the measured ones.
+
+use serde::{Deserialize, Serialize};
+
+/// One biomarker of step 1.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+pub enum Biomarker {
+    /// Largest pressure, mmHg.
+    #[serde(rename = "P_max_mmHg")]
+    PMax,
+    /// Largest rate of pressure, mmHg/ms.
+    #[serde(rename = "dPdt_max_mmHg_per_ms")]
+    DpdtMax,
+    /// Smallest rate of pressure, mmHg/ms.
+    #[serde(rename = "dPdt_min_mmHg_per_ms")]
+    DpdtMin,
+    /// Duration of the pressure transient, ms.
+    #[serde(rename = "PTD90_ms")]
+    Ptd90,
+    /// Decay time constant of ejection, ms.
+    #[serde(rename = "tau_VD_ms")]
+    TauVd,
+    /// Rise time constant of filling, ms.
+    #[serde(rename = "tau_VR_ms")]
+    TauVr,
+}
+
+impl Biomarker {
+    /// All biomarkers, those of pressure first.
+    pub const ALL: [Self; 6] = [Self::PMax, Self::DpdtMax, Self::DpdtMin, Self::Ptd90, Self::TauVd, Self::TauVr];
+
+    /// Key with its unit, as in files.
+    #[must_use]
+    pub fn key(self) -> &'static str {
+        match self {
+            Self::PMax => "P_max_mmHg",
+            Self::DpdtMax => "dPdt_max_mmHg_per_ms",
+            Self::DpdtMin => "dPdt_min_mmHg_per_ms",
+            Self::Ptd90 => "PTD90_ms",
+            Self::TauVd => "tau_VD_ms",
+            Self::TauVr => "tau_VR_ms",
+        }
+    }
+
+    /// Whether it comes from a volume trace: absent in a personalisation to pressure alone.
+    #[must_use]
+    pub fn is_of_volume(self) -> bool {
+        matches!(self, Self::TauVd | Self::TauVr)
+    }
+}
+
+impl std::fmt::Display for Biomarker {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(self.key())
+    }
+}
+
+/// The biomarkers of step 1, measured or simulated; absent ones could not be computed.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+#[serde(default)]
+pub struct Biomarkers {
+    /// Largest pressure.
+    #[serde(rename = "P_max_mmHg")]
+    pub p_max_mmhg: Option<f64>,
+    /// Largest rate of pressure, mmHg/ms.
+    #[serde(rename = "dPdt_max_mmHg_per_ms")]
+    pub dpdt_max_mmhg_per_ms: Option<f64>,
+    /// Smallest rate of pressure, mmHg/ms, negative.
+    #[serde(rename = "dPdt_min_mmHg_per_ms")]
+    pub dpdt_min_mmhg_per_ms: Option<f64>,
+    /// Duration of the pressure transient.
+    #[serde(rename = "PTD90_ms")]
+    pub ptd90_ms: Option<f64>,
+    /// Decay time constant of ejection.
+    #[serde(rename = "tau_VD_ms")]
+    pub tau_vd_ms: Option<f64>,
+    /// Rise time constant of filling.
+    #[serde(rename = "tau_VR_ms")]
+    pub tau_vr_ms: Option<f64>,
+}
+
+impl Biomarkers {
+    /// One value, in the unit of the biomarker's key.
+    #[must_use]
+    pub fn get(&self, biomarker: Biomarker) -> Option<f64> {
+        match biomarker {
+            Biomarker::PMax => self.p_max_mmhg,
+            Biomarker::DpdtMax => self.dpdt_max_mmhg_per_ms,
+            Biomarker::DpdtMin => self.dpdt_min_mmhg_per_ms,
+            Biomarker::Ptd90 => self.ptd90_ms,
+            Biomarker::TauVd => self.tau_vd_ms,
+            Biomarker::TauVr => self.tau_vr_ms,
+        }
+    }
+
+    /// Sets one value, in the unit of the biomarker's key.
+    pub fn set(&mut self, biomarker: Biomarker, value: Option<f64>) {
+        match biomarker {
+            Biomarker::PMax => self.p_max_mmhg = value,
+            Biomarker::DpdtMax => self.dpdt_max_mmhg_per_ms = value,
+            Biomarker::DpdtMin => self.dpdt_min_mmhg_per_ms = value,
+            Biomarker::Ptd90 => self.ptd90_ms = value,
+            Biomarker::TauVd => self.tau_vd_ms = value,
+            Biomarker::TauVr => self.tau_vr_ms = value,
+        }
+    }
+
+    /// Clinical over simulated value, where both exist, have one sign and are finite; else the update has no direction.
+    #[must_use]
+    pub fn ratio_to(&self, simulated: &Self, biomarker: Biomarker) -> Option<f64> {
+        let ratio = self.get(biomarker)? / simulated.get(biomarker)?;
+        (ratio.is_finite() && ratio > 0.0).then_some(ratio)
+    }
+}
+
+/// One term of the cost.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Term {
+    /// Which biomarker.
+    pub biomarker: Biomarker,
+    /// (clinical − simulated)/clinical, dimensionless; 1 where the simulation has no such biomarker.
+    pub relative_difference: f64,
+}
+
+/// Cost of an iteration, dimensionless, with its terms.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Cost {
+    /// Sum of the squared relative differences.
+    pub total: f64,
+    /// One term per measured biomarker, those of pressure first.
+    pub terms: Vec<Term>,
+}
+
+impl Cost {
+    /// Sum of squared relative differences (Jung 2022, eqs. 12, 14; unweighted, over all measured biomarkers).
+    ///
+    /// A biomarker that the simulation could not give counts as missed by all of it.
+    #[must_use]
+    pub fn of(measured: &Biomarkers, simulated: &Biomarkers) -> Self {
+        let terms: Vec<Term> = Biomarker::ALL
+            .into_iter()
+            .filter_map(|biomarker| {
+                let clinical = measured.get(biomarker)?;
+                let difference = simulated.get(biomarker).map_or(1.0, |s| (clinical - s) / clinical);
+                Some(Term { biomarker, relative_difference: if difference.is_finite() { difference } else { 1.0 } })
+            })
+            .collect();
+        Self { total: terms.iter().map(|t| t.relative_difference.powi(2)).sum(), terms }
+    }
+}

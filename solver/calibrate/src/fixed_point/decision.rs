@@ -1,0 +1,323 @@
+//! The decision after each iteration: go on with which parameters, or end with which quality.
+//!
+//! ```text
+//! history ──► last one failed ──────────────► Ended FailedAt(k), best earlier iteration
+//!         ├─► best cost within tolerance ───► Ended Converged        (stop = first_converged)
+//!         ├─► three in a row did not help ──► Ended Stalled          (Converged if the best is within tolerance)
+//!         ├─► limit reached ────────────────► Ended LimitReached     (likewise)
+//!         └─► otherwise ────────────────────► Next(update of the last iteration)
+//! resumed ──► Next(update of the best stored iteration, under the new settings; what is stored is not asked for again)
+//! ```
+
+use super::{Biomarker, Biomarkers, Cost, PARAMETERS, Parameter, Parameters, Settings};
+use serde::{Deserialize, Serialize};
+
+/// What a simulation gave.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Outcome {
+    /// It succeeded by the rules of docs/models.md.
+    Simulated(Biomarkers),
+    /// It did not: aborted, or ended in a state that makes no sense.
+    Failed,
+}
+
+/// Parameters and what came of them.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Iteration {
+    /// What was simulated.
+    pub parameters: Parameters,
+    /// What came of it.
+    pub outcome: Outcome,
+}
+
+/// Everything that was simulated so far.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+pub struct History {
+    /// Parameters to begin with.
+    pub initial: Parameters,
+    /// All iterations, oldest first, those under earlier settings included.
+    pub iterations: Vec<Iteration>,
+    /// How many of them were made under earlier settings: limit, stagnation and failure count from here on.
+    #[serde(default)]
+    pub resumed_at: usize,
+}
+
+impl History {
+    /// A loop that begins.
+    #[must_use]
+    pub fn new(initial: Parameters) -> Self {
+        Self { initial, iterations: Vec::new(), resumed_at: 0 }
+    }
+
+    /// The same iterations, to be continued under other settings.
+    #[must_use]
+    pub fn resumed(mut self) -> Self {
+        self.resumed_at = self.iterations.len();
+        self
+    }
+
+    /// Adds an iteration.
+    pub fn push(&mut self, parameters: Parameters, outcome: Outcome) {
+        self.iterations.push(Iteration { parameters, outcome });
+    }
+}
+
+/// How good the result is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Quality {
+    /// The best iteration's cost is within the tolerance.
+    Converged,
+    /// Iterations stopped helping, or the update has nowhere new to go.
+    Stalled,
+    /// The limit was reached.
+    LimitReached,
+    /// The simulation of this iteration failed; the best earlier one is the result.
+    FailedAt(usize),
+}
+
+/// Why the loop ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Ending {
+    /// Cost within the tolerance.
+    Tolerance,
+    /// Too many iterations in a row without improvement.
+    Stagnation,
+    /// The largest number of iterations was made.
+    Limit,
+    /// A simulation failed.
+    Failure,
+    /// The next parameters would be ones already simulated.
+    NothingNew,
+}
+
+/// What follows from a history.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", tag = "decision")]
+pub enum Decision {
+    /// Simulate these.
+    Next {
+        /// Parameters, inside their bounds.
+        parameters: Parameters,
+        /// Iteration that they are an update of; none for the initial ones.
+        from: Option<usize>,
+    },
+    /// The loop is over.
+    Ended {
+        /// How good the result is.
+        quality: Quality,
+        /// Why it ended.
+        because: Ending,
+        /// The iteration of lowest cost within the bounds; none if no simulation succeeded there.
+        best: Option<usize>,
+    },
+}
+
+/// What is wrong with what [`decide`] was given.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum FixedPointError {
+    /// A setting that makes no sense.
+    #[error("setting {key} is {value}, but must be {expected}")]
+    Setting {
+        /// Key of the setting.
+        key: &'static str,
+        /// Its value.
+        value: f64,
+        /// What it must be.
+        expected: &'static str,
+    },
+    /// An interval that makes no sense.
+    #[error("bounds of {parameter} are {lower} to {upper}, but must be positive, finite and in order")]
+    Bounds {
+        /// Parameter.
+        parameter: Parameter,
+        /// Lower end.
+        lower: f64,
+        /// Upper end.
+        upper: f64,
+    },
+    /// A start that no ratio can move.
+    #[error("initial {parameter} is {value}, but must be positive and finite")]
+    Initial {
+        /// Parameter.
+        parameter: Parameter,
+        /// Its value.
+        value: f64,
+    },
+    /// A measured biomarker of pressure is missing, or one has the wrong sign.
+    #[error("measured {biomarker} is {value:?}, but must be {expected}")]
+    Measured {
+        /// Biomarker.
+        biomarker: Biomarker,
+        /// Its value, if any.
+        value: Option<f64>,
+        /// What it must be.
+        expected: &'static str,
+    },
+    /// More stored iterations than there are.
+    #[error("the loop was resumed at iteration {resumed_at}, but only {n_iterations} are stored")]
+    ResumedAt {
+        /// As told.
+        resumed_at: usize,
+        /// Number of iterations.
+        n_iterations: usize,
+    },
+}
+
+/// What to do after everything simulated so far: a pure function, so that a replay decides alike.
+///
+/// Updates are eqs. 13 and 15 of Jung et al. 2022, each ratio raised to its group's damping; a ratio that does not
+/// exist (no measured volume, a biomarker that the simulation could not give) leaves its parameter as it is.
+///
+/// # Errors
+/// [`FixedPointError`] when settings, measured biomarkers or the initial parameters make no sense; never because of
+/// what a simulation gave.
+pub fn decide(settings: &Settings, measured: &Biomarkers, history: &History) -> Result<Decision, FixedPointError> {
+    settings.validate()?;
+    validate(measured, history)?;
+    let run = Run { settings, measured, history, costs: costs(measured, history) };
+    Ok(run.decide())
+}
+
+fn costs(measured: &Biomarkers, history: &History) -> Vec<Option<f64>> {
+    let cost = |i: &Iteration| match &i.outcome {
+        Outcome::Simulated(b) => Some(Cost::of(measured, b).total),
+        Outcome::Failed => None,
+    };
+    history.iterations.iter().map(cost).collect()
+}
+
+fn validate(measured: &Biomarkers, history: &History) -> Result<(), FixedPointError> {
+    for biomarker in Biomarker::ALL {
+        let value = measured.get(biomarker);
+        let negative = biomarker == Biomarker::DpdtMin;
+        let expected = if negative { "negative and finite" } else { "positive and finite" };
+        let optional = biomarker.is_of_volume() && value.is_none();
+        if !optional && !value.is_some_and(|v| v.is_finite() && v != 0.0 && (v < 0.0) == negative) {
+            return Err(FixedPointError::Measured { biomarker, value, expected });
+        }
+    }
+    for parameter in PARAMETERS {
+        let value = history.initial.get(parameter);
+        if !(value > 0.0 && value.is_finite()) {
+            return Err(FixedPointError::Initial { parameter, value });
+        }
+    }
+    let (resumed_at, n_iterations) = (history.resumed_at, history.iterations.len());
+    if resumed_at > n_iterations {
+        return Err(FixedPointError::ResumedAt { resumed_at, n_iterations });
+    }
+    Ok(())
+}
+
+struct Run<'a> {
+    settings: &'a Settings,
+    measured: &'a Biomarkers,
+    history: &'a History,
+    /// Cost of each iteration, none where it failed.
+    costs: Vec<Option<f64>>,
+}
+
+impl Run<'_> {
+    fn decide(&self) -> Decision {
+        let n = self.history.iterations.len();
+        let resumed_at = self.history.resumed_at;
+        let best = self.best(n);
+        let converged = best.and_then(|b| self.costs[b]).is_some_and(|c| c <= self.settings.tolerance);
+        let ended = |otherwise: Quality, because: Ending| Decision::Ended {
+            quality: if converged { Quality::Converged } else { otherwise },
+            because,
+            best,
+        };
+        if n > resumed_at && self.costs[n - 1].is_none() {
+            return ended(Quality::FailedAt(n - 1), Ending::Failure);
+        }
+        if converged && self.settings.stop == super::Stop::FirstConverged {
+            return ended(Quality::Converged, Ending::Tolerance);
+        }
+        if self.without_improvement() >= self.settings.stagnation_iterations {
+            return ended(Quality::Stalled, Ending::Stagnation);
+        }
+        if n - resumed_at >= self.settings.max_iterations {
+            return ended(Quality::LimitReached, Ending::Limit);
+        }
+        match self.next() {
+            Ok((parameters, from)) => Decision::Next { parameters, from },
+            Err(quality) => ended(quality, Ending::NothingNew),
+        }
+    }
+
+    /// The iteration of lowest cost among the first `n` that lies within the bounds, the first one of equals.
+    fn best(&self, n: usize) -> Option<usize> {
+        self.lowest(n, |i| self.settings.admits(&self.history.iterations[i].parameters))
+    }
+
+    fn lowest(&self, n: usize, admits: impl Fn(usize) -> bool) -> Option<usize> {
+        (0..n)
+            .filter(|i| admits(*i))
+            .filter_map(|i| self.costs[i].map(|c| (i, c)))
+            .min_by(|a, b| a.1.total_cmp(&b.1))
+            .map(|x| x.0)
+    }
+
+    /// How many iterations at the end did not lower the best cost by the asked fraction.
+    fn without_improvement(&self) -> usize {
+        let resumed_at = self.history.resumed_at;
+        let mut best = self.best(resumed_at).and_then(|b| self.costs[b]);
+        let mut in_a_row = 0;
+        for cost in self.costs[resumed_at..].iter().flatten() {
+            let helped = best.is_none_or(|b| *cost <= b * (1.0 - self.settings.stagnation_fraction));
+            in_a_row = if helped { 0 } else { in_a_row + 1 };
+            best = Some(best.map_or(*cost, |b| b.min(*cost)));
+        }
+        in_a_row
+    }
+
+    /// The next parameters and the iteration that they update, or how it ends if everything on the way is stored.
+    fn next(&self) -> Result<(Parameters, Option<usize>), Quality> {
+        let iterations = &self.history.iterations;
+        let n = iterations.len();
+        let mut from = if n > self.history.resumed_at {
+            Some(n - 1)
+        } else {
+            // Resumed: from the best; if none lies within the new bounds, from the best of all, moved into them.
+            self.best(n).or_else(|| self.lowest(n, |_| true))
+        };
+        for _ in 0..=n {
+            let proposal = match from {
+                None => self.settings.clamp(&self.history.initial),
+                Some(i) => self.update(&iterations[i]),
+            };
+            let Some(stored) = iterations.iter().position(|i| i.parameters.same_as(&proposal)) else {
+                return Ok((proposal, from));
+            };
+            // What is stored is not simulated again: go on from it as if it had just been.
+            if self.costs[stored].is_none() {
+                return Err(Quality::FailedAt(stored));
+            }
+            if from == Some(stored) {
+                break;
+            }
+            from = Some(stored);
+        }
+        Err(Quality::Stalled)
+    }
+
+    fn update(&self, iteration: &Iteration) -> Parameters {
+        let mut next = iteration.parameters;
+        let Outcome::Simulated(simulated) = &iteration.outcome else { return next };
+        for parameter in PARAMETERS {
+            if self.settings.frozen.contains(&parameter) {
+                continue;
+            }
+            let (biomarker, exponent) = parameter.driver();
+            if let Some(ratio) = self.measured.ratio_to(simulated, biomarker) {
+                let damping = self.settings.damping.of(parameter.group());
+                next.set(parameter, next.get(parameter) * ratio.powf(exponent * damping));
+            }
+        }
+        self.settings.clamp(&next)
+    }
+}

@@ -1,0 +1,140 @@
+//! What a user may set of the fixed point.
+
+use super::{Bounds, FixedPointError, Group, Parameter, Parameters};
+use serde::{Deserialize, Serialize};
+use std::collections::{BTreeMap, BTreeSet};
+
+/// When the loop is content.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Stop {
+    /// At the first iteration whose cost is within the tolerance, as in the paper.
+    #[default]
+    FirstConverged,
+    /// Goes on to the limit (or stagnation) and takes the best iteration.
+    BestOfLimit,
+}
+
+/// Exponent of the update's ratio for each group: 1 is the paper's update, smaller is more careful.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Damping {
+    /// For the four parameters of Tanh, dimensionless, in (0, 1].
+    pub active_stress: f64,
+    /// For the two valve resistances, dimensionless, in (0, 1].
+    pub valves: f64,
+}
+
+impl Default for Damping {
+    fn default() -> Self {
+        Self { active_stress: 1.0, valves: 1.0 }
+    }
+}
+
+impl Damping {
+    /// The same damping for all parameters.
+    #[must_use]
+    pub fn uniform(d: f64) -> Self {
+        Self { active_stress: d, valves: d }
+    }
+
+    /// The damping of a group.
+    #[must_use]
+    pub fn of(&self, group: Group) -> f64 {
+        match group {
+            Group::ActiveStress => self.active_stress,
+            Group::Valves => self.valves,
+        }
+    }
+}
+
+/// Settings of the fixed point; defaults are the paper's where it prints one, else docs/models.md's.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Settings {
+    /// Cost at or below which an iteration is converged, dimensionless.
+    pub tolerance: f64,
+    /// Exponents of the updates.
+    pub damping: Damping,
+    /// Largest number of iterations under these settings.
+    pub max_iterations: usize,
+    /// So many iterations in a row that do not lower the best cost enough end the loop.
+    pub stagnation_iterations: usize,
+    /// What counts as enough: relative fall of the best cost, dimensionless.
+    pub stagnation_fraction: f64,
+    /// Intervals that differ from [`Bounds::default_of`].
+    pub bounds: BTreeMap<Parameter, Bounds>,
+    /// Parameters that keep their value.
+    pub frozen: BTreeSet<Parameter>,
+    /// When the loop is content.
+    pub stop: Stop,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self {
+            tolerance: 0.1,
+            damping: Damping::default(),
+            max_iterations: 10,
+            stagnation_iterations: 3,
+            stagnation_fraction: 0.05,
+            bounds: BTreeMap::new(),
+            frozen: BTreeSet::new(),
+            stop: Stop::default(),
+        }
+    }
+}
+
+impl Settings {
+    /// The interval of a parameter.
+    #[must_use]
+    pub fn bounds_of(&self, parameter: Parameter) -> Bounds {
+        self.bounds.get(&parameter).copied().unwrap_or_else(|| Bounds::default_of(parameter))
+    }
+
+    /// Whether all parameters that may move lie within their bounds.
+    #[must_use]
+    pub fn admits(&self, parameters: &Parameters) -> bool {
+        super::PARAMETERS
+            .into_iter()
+            .filter(|p| !self.frozen.contains(p))
+            .all(|p| self.bounds_of(p).contains(parameters.get(p)))
+    }
+
+    /// Parameters moved into their bounds; frozen ones keep their value.
+    #[must_use]
+    pub fn clamp(&self, parameters: &Parameters) -> Parameters {
+        let mut inside = *parameters;
+        for p in super::PARAMETERS.into_iter().filter(|p| !self.frozen.contains(p)) {
+            let bounds = self.bounds_of(p);
+            inside.set(p, parameters.get(p).clamp(bounds.lower, bounds.upper));
+        }
+        inside
+    }
+
+    /// Looks for values that make no sense.
+    ///
+    /// # Errors
+    /// [`FixedPointError::Setting`] or [`FixedPointError::Bounds`] naming the setting, its value and what it must be.
+    pub fn validate(&self) -> Result<(), FixedPointError> {
+        let setting = |key, value: f64, ok: bool, expected| {
+            if ok { Ok(()) } else { Err(FixedPointError::Setting { key, value, expected }) }
+        };
+        let in_unit = |d: f64| d > 0.0 && d <= 1.0;
+        let (d, v) = (self.damping.active_stress, self.damping.valves);
+        setting("tolerance", self.tolerance, self.tolerance > 0.0 && self.tolerance.is_finite(), "positive")?;
+        setting("damping.active_stress", d, in_unit(d), "above 0 and at most 1")?;
+        setting("damping.valves", v, in_unit(v), "above 0 and at most 1")?;
+        setting("max_iterations", self.max_iterations as f64, self.max_iterations > 0, "at least 1")?;
+        let n = self.stagnation_iterations;
+        setting("stagnation_iterations", n as f64, n > 0, "at least 1")?;
+        let f = self.stagnation_fraction;
+        setting("stagnation_fraction", f, (0.0..1.0).contains(&f), "at least 0 and below 1")?;
+        for (parameter, b) in &self.bounds {
+            if !(b.lower > 0.0 && b.lower <= b.upper && b.upper.is_finite()) {
+                return Err(FixedPointError::Bounds { parameter: *parameter, lower: b.lower, upper: b.upper });
+            }
+        }
+        Ok(())
+    }
+}

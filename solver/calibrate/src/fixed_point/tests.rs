@@ -1,0 +1,299 @@
+use super::*;
+use proptest::prelude::*;
+
+fn measured() -> Biomarkers {
+    Biomarkers {
+        p_max_mmhg: Some(120.0),
+        dpdt_max_mmhg_per_ms: Some(2.0),
+        dpdt_min_mmhg_per_ms: Some(-1.8),
+        ptd90_ms: Some(330.0),
+        tau_vd_ms: Some(80.0),
+        tau_vr_ms: Some(50.0),
+    }
+}
+
+/// A heart in which every biomarker is a power of its parameter: contraction of the fixed point is 1 − exponent.
+fn heart(p: &Parameters, exponent: f64) -> Biomarkers {
+    let d = Parameters::default();
+    let x = |q: Parameter| (p.get(q) / d.get(q)).powf(exponent);
+    Biomarkers {
+        p_max_mmhg: Some(95.0 * x(Parameter::SmaxRef)),
+        dpdt_max_mmhg_per_ms: Some(1.4 / x(Parameter::TauSrRef)),
+        dpdt_min_mmhg_per_ms: Some(-1.1 / x(Parameter::TauSd)),
+        ptd90_ms: Some(380.0 * x(Parameter::TCr)),
+        tau_vd_ms: Some(60.0 * x(Parameter::RAvF)),
+        tau_vr_ms: Some(90.0 * x(Parameter::RMvF)),
+    }
+}
+
+/// Asks and tells until the end, refusing to be asked for the same parameters twice.
+fn run(
+    settings: &Settings,
+    measured: &Biomarkers,
+    mut history: History,
+    simulate: impl Fn(usize, &Parameters) -> Outcome,
+) -> (History, Quality, Ending, Option<usize>) {
+    for _ in 0..100 {
+        match decide(settings, measured, &history).unwrap() {
+            Decision::Next { parameters, .. } => {
+                assert!(!history.iterations.iter().any(|i| i.parameters.same_as(&parameters)), "asked twice");
+                let outcome = simulate(history.iterations.len(), &parameters);
+                history.push(parameters, outcome);
+            }
+            Decision::Ended { quality, because, best } => return (history, quality, because, best),
+        }
+    }
+    panic!("the loop did not end");
+}
+
+fn healthy(_: usize, p: &Parameters) -> Outcome {
+    Outcome::Simulated(heart(p, 0.8))
+}
+
+#[test]
+fn begins_with_the_initial_guess_and_updates_by_the_papers_ratios() {
+    let mut history = History::new(Parameters::default());
+    let settings = Settings::default();
+    let first = decide(&settings, &measured(), &history).unwrap();
+    assert_eq!(first, Decision::Next { parameters: Parameters::default(), from: None });
+    history.push(Parameters::default(), Outcome::Simulated(heart(&Parameters::default(), 0.8)));
+    let Decision::Next { parameters: p, from } = decide(&settings, &measured(), &history).unwrap() else { panic!() };
+    assert_eq!(from, Some(0));
+    let expected = [
+        100.0 * 120.0 / 95.0,
+        40.0 * 1.4 / 2.0,
+        110.0 * 1.1 / 1.8,
+        550.0 * 330.0 / 380.0,
+        0.01 * 80.0 / 60.0,
+        0.01 * 50.0 / 90.0,
+    ];
+    for (parameter, value) in PARAMETERS.into_iter().zip(expected) {
+        assert!((p.get(parameter) / value - 1.0).abs() < 1e-12, "{parameter}");
+    }
+}
+
+#[test]
+fn converges_within_the_tolerance_and_names_the_best() {
+    let (history, quality, because, best) =
+        run(&Settings::default(), &measured(), History::new(Parameters::default()), healthy);
+    assert_eq!((quality, because, best), (Quality::Converged, Ending::Tolerance, Some(1)));
+    assert_eq!(history.iterations.len(), 2);
+}
+
+#[test]
+fn best_of_limit_goes_on_beyond_the_tolerance() {
+    let settings = Settings { stop: Stop::BestOfLimit, ..Settings::default() };
+    let (history, quality, because, best) = run(&settings, &measured(), History::new(Parameters::default()), healthy);
+    assert_eq!((quality, because, best), (Quality::Converged, Ending::Limit, Some(9)));
+    assert_eq!(history.iterations.len(), 10);
+}
+
+#[test]
+fn damping_is_an_exponent_per_group() {
+    let mut history = History::new(Parameters::default());
+    history.push(Parameters::default(), healthy(0, &Parameters::default()));
+    let settings = Settings { damping: Damping { active_stress: 0.5, valves: 0.25 }, ..Settings::default() };
+    let Decision::Next { parameters: p, .. } = decide(&settings, &measured(), &history).unwrap() else { panic!() };
+    assert!((p.smax_ref_kpa - 100.0 * (120.0f64 / 95.0).sqrt()).abs() < 1e-9);
+    assert!((p.r_mv_f_mmhg_s_per_ml - 0.01 * (50.0f64 / 90.0).powf(0.25)).abs() < 1e-12);
+}
+
+#[test]
+fn pressure_alone_leaves_the_valves() {
+    let only_pressure = Biomarkers { tau_vd_ms: None, tau_vr_ms: None, ..measured() };
+    let (history, quality, _, _) =
+        run(&Settings::default(), &only_pressure, History::new(Parameters::default()), healthy);
+    assert_eq!(quality, Quality::Converged);
+    assert!(
+        history
+            .iterations
+            .iter()
+            .all(|i| i.parameters.r_av_f_mmhg_s_per_ml == 0.01 && i.parameters.r_mv_f_mmhg_s_per_ml == 0.01)
+    );
+    let Outcome::Simulated(b) = history.iterations[1].outcome else { panic!() };
+    assert_eq!(Cost::of(&only_pressure, &b).terms.len(), 4);
+}
+
+#[test]
+fn cost_is_the_sum_of_squared_relative_differences() {
+    let m = Biomarkers { tau_vd_ms: None, tau_vr_ms: None, ..measured() };
+    let s = Biomarkers { p_max_mmhg: Some(108.0), dpdt_max_mmhg_per_ms: Some(2.4), ..m };
+    let cost = Cost::of(&m, &s);
+    assert!((cost.total - (0.01 + 0.04)).abs() < 1e-12);
+    assert!((cost.terms[1].relative_difference + 0.2).abs() < 1e-12);
+    // What a simulation cannot give counts as missed entirely, and the loop still has a finite cost.
+    let none = Cost::of(&m, &Biomarkers { ptd90_ms: None, ..m });
+    assert_eq!(none.total, 1.0);
+}
+
+#[test]
+fn a_failure_ends_the_loop_with_the_best_earlier_iteration() {
+    let stubborn = |k: usize, p: &Parameters| {
+        if k == 4 { Outcome::Failed } else { Outcome::Simulated(heart(p, 0.1)) }
+    };
+    let (history, quality, because, best) =
+        run(&Settings::default(), &measured(), History::new(Parameters::default()), stubborn);
+    assert_eq!((quality, because, best), (Quality::FailedAt(4), Ending::Failure, Some(3)));
+    assert_eq!(history.iterations.len(), 5);
+
+    let at_once = run(&Settings::default(), &measured(), History::new(Parameters::default()), |_, _| Outcome::Failed);
+    assert_eq!((at_once.1, at_once.3), (Quality::FailedAt(0), None));
+}
+
+#[test]
+fn a_rerun_continues_from_the_best_stored_iteration_with_the_new_damping() {
+    let stubborn = |k: usize, p: &Parameters| {
+        if k == 4 { Outcome::Failed } else { Outcome::Simulated(heart(p, 0.1)) }
+    };
+    let (history, _, _, _) = run(&Settings::default(), &measured(), History::new(Parameters::default()), stubborn);
+    let resumed = history.clone().resumed();
+
+    let same = decide(&Settings::default(), &measured(), &resumed).unwrap();
+    // Under the same settings the way leads to the failed parameters again, so there is nothing to do.
+    assert_eq!(same, Decision::Ended { quality: Quality::FailedAt(4), because: Ending::NothingNew, best: Some(3) });
+
+    let careful = Settings { damping: Damping::uniform(0.5), ..Settings::default() };
+    let Decision::Next { parameters, from } = decide(&careful, &measured(), &resumed).unwrap() else { panic!() };
+    assert_eq!(from, Some(3));
+    let Outcome::Simulated(b) = history.iterations[3].outcome else { panic!() };
+    let expected = history.iterations[3].parameters.smax_ref_kpa * (120.0f64 / b.p_max_mmhg.unwrap()).sqrt();
+    assert!((parameters.smax_ref_kpa - expected).abs() < 1e-9);
+
+    let (after, quality, _, best) = run(&careful, &measured(), resumed, |_, p| Outcome::Simulated(heart(p, 0.8)));
+    assert_eq!(quality, Quality::Converged);
+    assert!(best.unwrap() >= 5 && after.iterations.len() > 5);
+}
+
+#[test]
+fn a_rerun_with_bounds_never_leaves_them() {
+    let fails_high = |_: usize, p: &Parameters| {
+        if p.smax_ref_kpa > 150.0 { Outcome::Failed } else { Outcome::Simulated(heart(p, 0.3)) }
+    };
+    let (history, quality, _, _) =
+        run(&Settings::default(), &measured(), History::new(Parameters::default()), fails_high);
+    assert!(matches!(quality, Quality::FailedAt(_)), "{quality:?}");
+    let bounds = [(Parameter::SmaxRef, Bounds { lower: 80.0, upper: 140.0 })].into();
+    let settings = Settings { bounds, ..Settings::default() };
+    let n = history.iterations.len();
+    let (after, quality, _, best) = run(&settings, &measured(), history.resumed(), fails_high);
+    assert!(!matches!(quality, Quality::FailedAt(_)));
+    assert!(after.iterations[n..].iter().all(|i| i.parameters.smax_ref_kpa <= 140.0));
+    assert!(settings.admits(&after.iterations[best.unwrap()].parameters));
+}
+
+#[test]
+fn a_result_outside_the_new_bounds_does_not_count() {
+    let mut history = History::new(Parameters::default());
+    history.push(Parameters::default(), Outcome::Simulated(measured()));
+    let bounds = [(Parameter::SmaxRef, Bounds { lower: 1.0, upper: 50.0 })].into();
+    let settings = Settings { bounds, ..Settings::default() };
+    let decision = decide(&settings, &measured(), &history.resumed()).unwrap();
+    let Decision::Next { parameters, .. } = decision else { panic!("{decision:?}") };
+    assert_eq!(parameters.smax_ref_kpa, 50.0);
+}
+
+#[test]
+fn three_in_a_row_without_improvement_stall() {
+    let costs = [1.0, 0.9, 0.88, 0.95, 0.87, 0.5];
+    let deaf = |k: usize, _: &Parameters| {
+        let p_max_mmhg = 120.0 * (1.0 + f64::sqrt(costs[k]));
+        Outcome::Simulated(Biomarkers { p_max_mmhg: Some(p_max_mmhg), ..measured() })
+    };
+    let (history, quality, because, best) =
+        run(&Settings::default(), &measured(), History::new(Parameters::default()), deaf);
+    assert_eq!((quality, because), (Quality::Stalled, Ending::Stagnation));
+    // 0.88, 0.95 and 0.87 are all above 0.95 times the best before.
+    assert_eq!((history.iterations.len(), best), (5, Some(4)));
+}
+
+#[test]
+fn with_everything_frozen_there_is_nothing_new() {
+    let settings = Settings { frozen: PARAMETERS.into_iter().collect(), ..Settings::default() };
+    let (history, quality, because, best) = run(&settings, &measured(), History::new(Parameters::default()), healthy);
+    assert_eq!((history.iterations.len(), quality, because, best), (1, Quality::Stalled, Ending::NothingNew, Some(0)));
+}
+
+#[test]
+fn nonsense_is_refused_by_name() {
+    let history = History::new(Parameters::default());
+    let with = |f: fn(&mut Settings)| {
+        let mut s = Settings::default();
+        f(&mut s);
+        decide(&s, &measured(), &history).unwrap_err().to_string()
+    };
+    assert!(with(|s| s.damping.valves = 0.0).contains("damping.valves is 0"));
+    assert!(with(|s| s.tolerance = f64::NAN).contains("tolerance is NaN"));
+    assert!(with(|s| s.max_iterations = 0).contains("max_iterations"));
+    assert!(
+        with(|s| {
+            s.bounds.insert(Parameter::TauSd, Bounds { lower: 5.0, upper: 1.0 });
+        })
+        .contains("tau_SD_ms are 5 to 1")
+    );
+    let flipped = Biomarkers { dpdt_min_mmhg_per_ms: Some(1.0), ..measured() };
+    assert!(decide(&Settings::default(), &flipped, &history).unwrap_err().to_string().contains("negative"));
+    let missing = Biomarkers { ptd90_ms: None, ..measured() };
+    assert!(decide(&Settings::default(), &missing, &history).unwrap_err().to_string().contains("PTD90_ms is None"));
+    let mut beyond = history.clone();
+    beyond.resumed_at = 1;
+    assert!(matches!(
+        decide(&Settings::default(), &measured(), &beyond),
+        Err(FixedPointError::ResumedAt { resumed_at: 1, n_iterations: 0 })
+    ));
+}
+
+#[test]
+fn settings_and_history_survive_storage() {
+    let settings = Settings {
+        bounds: [(Parameter::TCr, Bounds { lower: 100.0, upper: 600.0 })].into(),
+        frozen: [Parameter::RMvF].into(),
+        ..Settings::default()
+    };
+    let json = serde_json::to_string(&settings).unwrap();
+    assert!(json.contains(r#""t_CR_ms":{"#) && json.contains(r#""first_converged""#), "{json}");
+    assert_eq!(serde_json::from_str::<Settings>(&json).unwrap(), settings);
+    assert!(serde_json::from_str::<Settings>(r#"{"tolerence":0.1}"#).is_err());
+    let (history, _, _, _) = run(&settings, &measured(), History::new(Parameters::default()), healthy);
+    let back: History = serde_json::from_str(&serde_json::to_string(&history).unwrap()).unwrap();
+    assert_eq!(decide(&settings, &measured(), &back), decide(&settings, &measured(), &history));
+}
+
+proptest! {
+    /// Whatever simulations give, the loop ends, stays in its bounds, asks for nothing twice, and names the best.
+    #[test]
+    fn any_simulation_comes_to_an_end(
+        values in prop::collection::vec((0.0..3.0f64, -3.0..3.0f64, 0u8..12), 40),
+        damping in 0.1..1.0f64, best_of_limit: bool, reruns in 0usize..3,
+    ) {
+        let simulate = |k: usize, p: &Parameters| {
+            let (a, b, kind) = values[k];
+            match kind {
+                0 => Outcome::Failed,
+                1 => Outcome::Simulated(Biomarkers { ptd90_ms: None, tau_vr_ms: None, ..heart(p, a) }),
+                2 => Outcome::Simulated(Biomarkers { dpdt_min_mmhg_per_ms: Some(b), p_max_mmhg: Some(f64::NAN), ..heart(p, a) }),
+                _ => Outcome::Simulated(heart(p, b)),
+            }
+        };
+        let mut history = History::new(Parameters::default());
+        for rerun in 0..=reruns {
+            let settings = Settings {
+                damping: Damping::uniform(damping / (1.0 + rerun as f64)),
+                stop: if best_of_limit { Stop::BestOfLimit } else { Stop::FirstConverged },
+                ..Settings::default()
+            };
+            let (after, _, _, best) = run(&settings, &measured(), history.resumed(), simulate);
+            prop_assert!(after.iterations.len() - after.resumed_at <= settings.max_iterations);
+            prop_assert!(after.iterations.iter().all(|i| settings.admits(&i.parameters)));
+            let costs: Vec<f64> = after.iterations.iter().map(|i| match &i.outcome {
+                Outcome::Simulated(b) => Cost::of(&measured(), b).total,
+                Outcome::Failed => f64::INFINITY,
+            }).collect();
+            if let Some(best) = best {
+                prop_assert!(costs.iter().all(|c| costs[best] <= *c));
+            } else {
+                prop_assert!(costs.iter().all(|c| c.is_infinite()));
+            }
+            history = after;
+        }
+    }
+}

@@ -1,0 +1,87 @@
+//! The spread of sets that are near-optimal already: results of several seeds or guesses, or an optimiser's members.
+
+use super::{Bound, IdentifiabilityError, Mark, Settings, bound_of, mark};
+use crate::Interval;
+use crate::statistics::{mean, standard_deviation};
+use serde::{Deserialize, Serialize};
+
+/// One parameter over the near-optimal sets.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct ParameterSpread {
+    /// Value of the best set, in the parameter's unit.
+    pub best: f64,
+    /// Smallest value.
+    pub minimum: f64,
+    /// Largest value.
+    pub maximum: f64,
+    /// Mean value.
+    pub mean: f64,
+    /// Sample standard deviation; none for a single set.
+    pub standard_deviation: Option<f64>,
+    /// Share of the interval between smallest and largest, dimensionless.
+    pub share: f64,
+    /// The bound that the best value sits on.
+    pub bound: Option<Bound>,
+    /// What the sets say of it.
+    pub mark: Mark,
+}
+
+/// The near-optimal ones of some sets.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct NearOptimal {
+    /// Cost of the best set.
+    pub best_cost: f64,
+    /// Largest cost that counts as near-optimal.
+    pub threshold: f64,
+    /// Sets below it: a single one tells nothing about the spread.
+    pub n_near_optimal: usize,
+    /// Sets that were given.
+    pub n_sets: usize,
+    /// One for each parameter.
+    pub parameters: Vec<ParameterSpread>,
+}
+
+/// Looks at sets of parameters (in their units) and their costs.
+///
+/// Members of a converged population are no sample of what is near-optimal: they have closed in on one set. Results of
+/// several seeds, or all that an optimiser has evaluated, are.
+///
+/// # Errors
+/// [`IdentifiabilityError`] when the box or a set makes no sense, or no cost is finite.
+pub fn near_optimal(
+    sets: &[(Vec<f64>, f64)],
+    bounds: &[Interval],
+    settings: &Settings,
+) -> Result<NearOptimal, IdentifiabilityError> {
+    Interval::validate(bounds)?;
+    settings.validate()?;
+    if let Some((set, _)) = sets.iter().find(|(set, _)| set.len() != bounds.len()) {
+        return Err(IdentifiabilityError::Dimension { n_parameters: set.len(), n_bounds: bounds.len() });
+    }
+    let best = sets.iter().filter(|s| s.1.is_finite()).min_by(|a, b| a.1.total_cmp(&b.1));
+    let (best, best_cost) = best.map(|(set, cost)| (set, *cost)).ok_or(IdentifiabilityError::NoBest)?;
+    let threshold = settings.threshold(best_cost);
+    let near: Vec<&Vec<f64>> = sets.iter().filter(|s| s.1 <= threshold).map(|(set, _)| set).collect();
+    let spread = |(p, interval): (usize, &Interval)| {
+        let values: Vec<f64> = near.iter().map(|set| set[p]).collect();
+        let minimum = values.iter().copied().fold(f64::INFINITY, f64::min);
+        let maximum = values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        ParameterSpread {
+            best: best[p],
+            minimum,
+            maximum,
+            mean: mean(&values),
+            standard_deviation: (values.len() > 1).then(|| standard_deviation(&values)),
+            share: if interval.width() > 0.0 { (maximum - minimum) / interval.width() } else { 0.0 },
+            bound: bound_of(best[p], *interval),
+            mark: mark(best[p], Interval::new(minimum, maximum), *interval, settings),
+        }
+    };
+    Ok(NearOptimal {
+        best_cost,
+        threshold,
+        n_near_optimal: near.len(),
+        n_sets: sets.len(),
+        parameters: bounds.iter().enumerate().map(spread).collect(),
+    })
+}

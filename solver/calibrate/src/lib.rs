@@ -1,0 +1,26 @@
+//! The personalisation's algorithms by ask and tell: pure, without a model, a clock or a thread.
+//!
+//! Whoever owns the simulations asks for parameters, computes, and tells; every state can be stored and continued, and
+//! the same history leads to the same proposal.
+
+#![deny(missing_docs)]
+
+pub mod adaptive_evolution;
+pub mod calcium_fit;
+pub mod cma_es;
+pub mod differential_evolution;
+pub mod fixed_point;
+pub mod identifiability;
+mod interval;
+pub mod latin_hypercube;
+pub mod lbfgsb;
+pub mod least_squares;
+pub mod normal;
+pub mod population;
+mod random;
+pub mod robustness;
+pub mod sobol;
+pub mod statistics;
+mod storage;
+
+pub use interval::{Interval, IntervalError};

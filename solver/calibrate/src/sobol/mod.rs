@@ -1,0 +1,24 @@
+//! Variance-based sensitivity: Sobol points, the Saltelli design, indices with intervals, ranking.
+//!
+//! Points, design, indices and intervals equal `SALib`'s for the same settings and seeds. A sweep makes rows of blocks by
+//! [`SaltelliDesign`], computes its outputs wherever it likes, passes them through [`replace_excluded`] and
+//! [`analyse`]s any number of first blocks; [`Ranking`] tells which parameters to fit.
+
+mod direction_numbers;
+mod error;
+mod exclusion;
+mod indices;
+mod numpy_random;
+mod points;
+mod ranking;
+mod saltelli;
+mod terms;
+#[cfg(test)]
+mod tests;
+
+pub use error::SobolError;
+pub use exclusion::{Exclusion, Sample, replace_excluded};
+pub use indices::{Analysis, AnalysisSettings, Index, OutputIndices, PairIndex, analyse};
+pub use points::SobolPoints;
+pub use ranking::{Ranked, Ranking};
+pub use saltelli::{DesignSettings, SaltelliDesign};

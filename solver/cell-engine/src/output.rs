@@ -1,0 +1,109 @@
+//! What an evaluation returns, and the cost of the paper's fit.
+
+use serde::{Deserialize, Serialize};
+
+use crate::biomarkers::{CellBiomarkers, Penalty};
+use crate::input::InputProblem;
+
+/// How an evaluation ended.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub enum CellStatus {
+    /// In its periodic state: the state returns over the reported beat to within the tolerance.
+    #[default]
+    Periodic,
+    /// Not periodic after the allowed number of beats; the last beat is reported.
+    NotPeriodic,
+    /// Given up because its cost cannot come below the bound; what is reported is the transient beat that showed it, or,
+    /// with no beat at all, calcium's durations.
+    Hopeless,
+    /// A step became too short, or too many steps were needed; nothing else is reported.
+    Stuck {
+        /// Where \[ms\] in the beat.
+        t_ms: f64,
+    },
+    /// Refused before any step; nothing else is reported.
+    Refused(InputProblem),
+}
+
+/// Result of one evaluation. Without a beat all numbers but those of calcium are zero; none is ever NaN.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct CellOutput {
+    /// How it ended.
+    pub status: CellStatus,
+    /// Biomarkers of the reported beat on the 1 ms grid.
+    pub biomarkers: CellBiomarkers,
+    /// Penalty terms of the reported beat on the 1 ms grid.
+    pub penalty: Penalty,
+    /// Beats at full accuracy, the reported one included.
+    pub beats: u32,
+    /// Change of the state over the reported beat, relative to the state's peaks and in the norm of the error control.
+    pub state_change: f64,
+    /// Steps accepted, all beats together.
+    pub steps: u32,
+    /// Steps tried in vain.
+    pub steps_refused: u32,
+    /// Whether k_WU is negative.
+    pub negative_kwu: bool,
+}
+
+impl CellOutput {
+    /// Whether the biomarkers are those of a periodic beat.
+    #[must_use]
+    pub fn is_periodic(&self) -> bool {
+        self.status == CellStatus::Periodic
+    }
+}
+
+/// A beat on the grid 0, 1, … ms.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+pub struct CellTrace {
+    /// Active stress \[kPa\].
+    pub sa_kpa: Vec<f64>,
+    /// Stretch.
+    pub lambda: Vec<f64>,
+    /// Calcium \[µM\].
+    pub calcium_um: Vec<f64>,
+}
+
+/// Targets and weights of the paper's cost, eqs. 18 and 19.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Objective {
+    /// Sa_max \[kPa\], dSadt_max \[kPa/ms\], STD30, STD50, STD90 \[ms\], λ_min.
+    pub targets: [f64; 6],
+    /// Weights of the squared relative differences, in the same order.
+    pub weights: [f64; 6],
+}
+
+impl Objective {
+    /// The paper's weights: 5, 1, 5, 1, 1 and 100.
+    #[must_use]
+    pub fn new(targets: [f64; 6]) -> Self {
+        Self { targets, weights: [5.0, 1.0, 5.0, 1.0, 1.0, 100.0] }
+    }
+
+    /// Σ w ((target − value)/target)² + penalty.
+    #[must_use]
+    pub fn cost(&self, biomarkers: &CellBiomarkers, penalty: &Penalty) -> f64 {
+        let b = biomarkers;
+        let values = [b.sa_max_kpa, b.dsa_dt_max_kpa_per_ms, b.std30.ms, b.std50.ms, b.std90.ms, b.lambda_min];
+        let misfit: f64 = values
+            .iter()
+            .zip(&self.targets)
+            .zip(&self.weights)
+            .map(|((value, target), weight)| weight * ((target - value) / target).powi(2))
+            .sum();
+        misfit + penalty.total()
+    }
+}
+
+/// Costs above which an optimiser has no use for a cell.
+#[derive(Debug, Clone, Copy)]
+pub struct CostBound<'a> {
+    /// The cost.
+    pub objective: &'a Objective,
+    /// One bound for each input.
+    pub bounds: &'a [f64],
+    /// A transient beat gives a cell up when its cost is above `margin` times the bound: the periodic beat's cost may be
+    /// somewhat lower. 2 is on the safe side.
+    pub margin: f64,
+}

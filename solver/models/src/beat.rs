@@ -1,0 +1,385 @@
+//! One beat or several of a ventricle with its circulation, on a grid of output times, with traces and checks.
+
+use crate::circulation::left_heart::{AORTA, AORTIC_VALVE, LEFT_ATRIUM, MITRAL_VALVE};
+use crate::circulation::{Circulation, CirculationState};
+use crate::ventricle::{Ventricle, VentricleError, VentricleSnapshot};
+use cardiotwin_units::{Ml, Mmhg, Ms};
+use serde::{Deserialize, Serialize};
+
+/// How many beats to run.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Beats {
+    /// This many.
+    Exactly(usize),
+    /// Until volume and arterial pressure return at the beat's start.
+    UntilPeriodic {
+        /// Beats after which to stop anyway.
+        limit: usize,
+        /// Largest change of the volume from beat to beat.
+        volume: Ml,
+        /// Largest change of any compartment's pressure from beat to beat.
+        pressure: Mmhg,
+    },
+}
+
+/// Settings of a run.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct BeatSettings {
+    /// Cycle length.
+    pub cycle_length: Ms,
+    /// Number of beats.
+    pub beats: Beats,
+    /// Time step and output interval.
+    pub step: Ms,
+    /// Shortest step that failures may cut to.
+    pub shortest_step: Ms,
+    /// Whether to record stress, calcium and stretch of every node.
+    pub record_nodes: bool,
+}
+
+impl BeatSettings {
+    /// One beat at 1 ms steps, cut down to 1/64 ms on failure, without nodal traces.
+    #[must_use]
+    pub fn one_beat(cycle_length: Ms) -> Self {
+        Self {
+            cycle_length,
+            beats: Beats::Exactly(1),
+            step: Ms(1.0),
+            shortest_step: Ms(1.0 / 64.0),
+            record_nodes: false,
+        }
+    }
+}
+
+/// Traces of the last beat, sampled at its start, at every output interval and at its end.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct BeatTraces {
+    /// Time in the beat \[ms\].
+    pub time_ms: Vec<f64>,
+    /// Cavity pressure \[mmHg\].
+    pub pressure_mmhg: Vec<f64>,
+    /// Cavity volume \[mL\].
+    pub volume_ml: Vec<f64>,
+    /// Aortic pressure \[mmHg\].
+    pub aortic_pressure_mmhg: Vec<f64>,
+    /// Left-atrial pressure \[mmHg\].
+    pub left_atrial_pressure_mmhg: Vec<f64>,
+    /// Flow through the aortic valve \[mL/s\], positive out of the ventricle.
+    pub aortic_flow_ml_per_s: Vec<f64>,
+    /// Flow through the mitral valve \[mL/s\], positive into the ventricle.
+    pub mitral_flow_ml_per_s: Vec<f64>,
+    /// Net flow into the ventricle \[mL/s\] through all paths.
+    pub net_inflow_ml_per_s: Vec<f64>,
+    /// Whether the aortic valve is open.
+    pub aortic_open: Vec<bool>,
+    /// Whether the mitral valve is open.
+    pub mitral_open: Vec<bool>,
+    /// Nodal traces, where asked for.
+    pub nodes: Option<NodalTraces>,
+}
+
+/// Traces of every node, time after time: value `k` of node `i` is at `k · n_nodes + i`.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct NodalTraces {
+    /// Number of nodes.
+    pub n_nodes: usize,
+    /// Activation time of each node \[ms\].
+    pub activation_ms: Vec<f64>,
+    /// Weight of each node; they sum to one.
+    pub weights: Vec<f64>,
+    /// Active stress \[kPa\].
+    pub sa_kpa: Vec<f64>,
+    /// Calcium \[µM\], zero where the model has none.
+    pub ca_um: Vec<f64>,
+    /// Fibre stretch from end-diastole.
+    pub lambda: Vec<f64>,
+}
+
+/// A named condition of success with its value (SPEC section 5).
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct BeatCheck {
+    /// What is checked.
+    pub name: String,
+    /// Whether it holds.
+    pub passed: bool,
+    /// The value that was compared.
+    pub value: f64,
+    /// What it was compared with, in words.
+    pub expected: String,
+}
+
+/// A run that reached the end of its last beat.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct BeatResult {
+    /// Traces of the last beat.
+    pub traces: BeatTraces,
+    /// Beats run.
+    pub n_beats: usize,
+    /// Change of the volume at the beat's start over the last beat \[mL\].
+    pub volume_change_ml: f64,
+    /// Largest change of a compartment's pressure over the last beat \[mmHg\].
+    pub pressure_change_mmhg: f64,
+    /// Whether the run is periodic to the settings' tolerance; `None` when a number of beats was asked for.
+    pub periodic: Option<bool>,
+    /// Conditions of success.
+    pub checks: Vec<BeatCheck>,
+    /// Work done.
+    pub work: BeatWork,
+}
+
+/// What a run cost.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+pub struct BeatWork {
+    /// Committed steps.
+    pub n_steps: usize,
+    /// Steps that failed and were cut.
+    pub n_cut: usize,
+    /// Newton iterations of the committed steps.
+    pub n_iterations: usize,
+}
+
+impl BeatResult {
+    /// Whether every check holds.
+    #[must_use]
+    pub fn succeeded(&self) -> bool {
+        self.checks.iter().all(|check| check.passed)
+    }
+}
+
+/// The state from which a run could be taken up again.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct RunState {
+    /// Ventricle.
+    pub ventricle: VentricleSnapshot,
+    /// Circulation.
+    pub circulation: CirculationState,
+}
+
+/// How a run ended. Divergence is an ending with data, not an error.
+#[derive(Debug, Clone, PartialEq)]
+pub enum BeatOutcome {
+    /// The cycle's end was reached; whether that is a success the checks tell.
+    Finished(Box<BeatResult>),
+    /// No step could be taken from `last_good`, not even the shortest.
+    Diverged {
+        /// Time of the last good state, from the start of the run.
+        t: Ms,
+        /// That state.
+        last_good: Box<RunState>,
+        /// Why the shortest step failed.
+        reason: VentricleError,
+        /// Traces of the beat up to there.
+        traces: Box<BeatTraces>,
+        /// Work done.
+        work: BeatWork,
+    },
+}
+
+/// Positions of what the traces record, looked up once.
+struct Probes {
+    aorta: Option<usize>,
+    atrium: Option<usize>,
+    aortic_valve: Option<usize>,
+    mitral_valve: Option<usize>,
+}
+
+impl Probes {
+    fn new(circulation: &Circulation) -> Self {
+        Self {
+            aorta: circulation.compartment_idx(AORTA),
+            atrium: circulation.compartment_idx(LEFT_ATRIUM),
+            aortic_valve: circulation.path_idx(AORTIC_VALVE),
+            mitral_valve: circulation.path_idx(MITRAL_VALVE),
+        }
+    }
+}
+
+impl BeatTraces {
+    fn clear(&mut self, n: usize, nodes: Option<NodalTraces>) {
+        *self = Self { nodes, ..Self::default() };
+        for trace in [
+            &mut self.time_ms,
+            &mut self.pressure_mmhg,
+            &mut self.volume_ml,
+            &mut self.aortic_pressure_mmhg,
+            &mut self.left_atrial_pressure_mmhg,
+            &mut self.aortic_flow_ml_per_s,
+            &mut self.mitral_flow_ml_per_s,
+            &mut self.net_inflow_ml_per_s,
+        ] {
+            trace.reserve(n);
+        }
+    }
+
+    fn record(&mut self, time_ms: f64, ventricle: &dyn Ventricle, circulation: &Circulation, probes: &Probes) {
+        let pressure = |idx: Option<usize>| idx.map_or(0.0, |i| circulation.pressure(i).0);
+        let flow = |idx: Option<usize>| idx.map_or(0.0, |i| circulation.flow(i).0);
+        let open = |idx: Option<usize>| idx.is_some_and(|i| circulation.is_open(i));
+        self.time_ms.push(time_ms);
+        self.pressure_mmhg.push(ventricle.pressure().0);
+        self.volume_ml.push(ventricle.volume().0);
+        self.aortic_pressure_mmhg.push(pressure(probes.aorta));
+        self.left_atrial_pressure_mmhg.push(pressure(probes.atrium));
+        self.aortic_flow_ml_per_s.push(flow(probes.aortic_valve));
+        self.mitral_flow_ml_per_s.push(flow(probes.mitral_valve));
+        self.net_inflow_ml_per_s.push(circulation.net_inflow().0);
+        self.aortic_open.push(open(probes.aortic_valve));
+        self.mitral_open.push(open(probes.mitral_valve));
+        if let Some(nodes) = &mut self.nodes {
+            let first = nodes.sa_kpa.len();
+            let grown = first + nodes.n_nodes;
+            for trace in [&mut nodes.sa_kpa, &mut nodes.ca_um, &mut nodes.lambda] {
+                trace.resize(grown, 0.0);
+            }
+            ventricle.active_stress_kpa(&mut nodes.sa_kpa[first..]);
+            ventricle.calcium_um(&mut nodes.ca_um[first..]);
+            ventricle.stretch(&mut nodes.lambda[first..]);
+        }
+    }
+}
+
+/// Runs beats from the present state of both sides. The step is cut by half on failure and doubled after a success, and
+/// always ends on the output grid.
+pub fn run_beats(ventricle: &mut dyn Ventricle, circulation: &mut Circulation, settings: &BeatSettings) -> BeatOutcome {
+    let probes = Probes::new(circulation);
+    let length = settings.cycle_length.0;
+    // A last interval shorter than a thousandth of a step is round-off of the cycle length.
+    let n_intervals = (length / settings.step.0 - 1e-3).ceil().max(1.0) as usize;
+    let (limit, tolerance) = match settings.beats {
+        Beats::Exactly(n) => (n.max(1), None),
+        Beats::UntilPeriodic { limit, volume, pressure } => (limit.max(1), Some((volume.0, pressure.0))),
+    };
+    let mut traces = BeatTraces::default();
+    let mut work = BeatWork::default();
+    let mut next_step = settings.step.0;
+    let mut n_beats = 0;
+    loop {
+        n_beats += 1;
+        let before = (ventricle.volume().0, circulation.snapshot());
+        let volume_in = circulation.net_volume_in().0;
+        let beat_start = ventricle.time().0;
+        let nodes = settings.record_nodes.then(|| empty_nodes(ventricle, n_intervals + 1));
+        traces.clear(n_intervals + 1, nodes);
+        traces.record(0.0, ventricle, circulation, &probes);
+        for interval in 1..=n_intervals {
+            let grid = if interval == n_intervals { length } else { interval as f64 * settings.step.0 };
+            let end = beat_start + grid;
+            if let Err(reason) = advance(ventricle, circulation, end, settings, &mut next_step, &mut work) {
+                ventricle.roll_back();
+                circulation.roll_back();
+                let last_good = RunState { ventricle: ventricle.snapshot(), circulation: circulation.snapshot() };
+                let (last_good, traces) = (Box::new(last_good), Box::new(traces));
+                return BeatOutcome::Diverged { t: ventricle.time(), last_good, reason, traces, work };
+            }
+            traces.record(grid, ventricle, circulation, &probes);
+        }
+        let volume_change_ml = ventricle.volume().0 - before.0;
+        let after = circulation.snapshot();
+        let pressure_change_mmhg = (after.pressures_mmhg.iter().zip(&before.1.pressures_mmhg))
+            .fold(0.0, |largest: f64, (a, b)| largest.max((a - b).abs()));
+        let periodic = tolerance.map(|(v, p)| volume_change_ml.abs() <= v && pressure_change_mmhg <= p);
+        if n_beats >= limit || periodic == Some(true) {
+            let imbalance = volume_change_ml - (circulation.net_volume_in().0 - volume_in);
+            let checks = checks(&traces, imbalance, length);
+            let result = BeatResult { traces, n_beats, volume_change_ml, pressure_change_mmhg, periodic, checks, work };
+            return BeatOutcome::Finished(Box::new(result));
+        }
+    }
+}
+
+fn empty_nodes(ventricle: &dyn Ventricle, n_samples: usize) -> NodalTraces {
+    let n_nodes = ventricle.activation_times_ms().len();
+    let reserve = || Vec::with_capacity(n_nodes * n_samples);
+    NodalTraces {
+        n_nodes,
+        activation_ms: ventricle.activation_times_ms().to_vec(),
+        weights: ventricle.node_weights().to_vec(),
+        sa_kpa: reserve(),
+        ca_um: reserve(),
+        lambda: reserve(),
+    }
+}
+
+/// Steps until `end_ms`.
+fn advance(
+    ventricle: &mut dyn Ventricle,
+    circulation: &mut Circulation,
+    end_ms: f64,
+    settings: &BeatSettings,
+    next_step: &mut f64,
+    work: &mut BeatWork,
+) -> Result<(), VentricleError> {
+    loop {
+        let left = end_ms - ventricle.time().0;
+        if left <= 1e-9 * settings.step.0 {
+            return Ok(());
+        }
+        // The grid's own step, not the difference of two times: components keep what depends on the step's length.
+        let left = if (left - settings.step.0).abs() <= 1e-9 * settings.step.0 { settings.step.0 } else { left };
+        let dt = if *next_step >= 0.999_999 * left { left } else { *next_step };
+        match ventricle.try_step(circulation, Ms(dt)) {
+            Ok(tried) => {
+                ventricle.commit();
+                circulation.commit();
+                work.n_steps += 1;
+                work.n_iterations += tried.iterations;
+                *next_step = (2.0 * next_step.max(dt)).min(settings.step.0);
+            }
+            Err(reason) => {
+                ventricle.roll_back();
+                circulation.roll_back();
+                work.n_cut += 1;
+                *next_step = 0.5 * dt;
+                if *next_step < settings.shortest_step.0 {
+                    return Err(reason);
+                }
+            }
+        }
+    }
+}
+
+/// Success of a beat (SPEC section 5).
+fn checks(traces: &BeatTraces, imbalance_ml: f64, cycle_length_ms: f64) -> Vec<BeatCheck> {
+    let check = |name: &str, passed: bool, value: f64, expected: &str| BeatCheck {
+        name: name.to_owned(),
+        passed,
+        value,
+        expected: expected.to_owned(),
+    };
+    let range =
+        |trace: &[f64]| trace.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), x| (l.min(*x), h.max(*x)));
+    // An opening and a closing inside the beat; a valve may also begin the beat open.
+    let moves = |open: &[bool]| {
+        let opened = open.iter().any(|o| *o);
+        let closed = open.windows(2).any(|w| w[0] && !w[1]) || (opened && open.iter().any(|o| !*o));
+        opened && closed
+    };
+    let share = |open: &[bool]| open.iter().filter(|o| **o).count() as f64 / open.len().max(1) as f64;
+    let (p_low, p_high) = range(&traces.pressure_mmhg);
+    let (v_low, _) = range(&traces.volume_ml);
+    let end = traces.time_ms.last().copied().unwrap_or(0.0);
+    let finite = [&traces.pressure_mmhg, &traces.volume_ml, &traces.aortic_pressure_mmhg, &traces.net_inflow_ml_per_s]
+        .iter()
+        .all(|trace| trace.iter().all(|x| x.is_finite()));
+    vec![
+        check("cycle_end_reached", (end - cycle_length_ms).abs() < 1e-6, end, "the cycle length in ms"),
+        check("states_finite", finite, f64::from(u8::from(finite)), "1"),
+        check(
+            "aortic_valve_opened_and_closed",
+            moves(&traces.aortic_open),
+            share(&traces.aortic_open),
+            "share of the beat it is open, between 0 and 1",
+        ),
+        check(
+            "mitral_valve_opened_and_closed",
+            moves(&traces.mitral_open),
+            share(&traces.mitral_open),
+            "share of the beat it is open, between 0 and 1",
+        ),
+        check("volume_balance_ml", imbalance_ml.abs() <= 0.1, imbalance_ml, "-0.1 to 0.1 mL"),
+        check("volume_positive_ml", v_low > 0.0, v_low, "above 0 mL"),
+        check("pressure_not_below_mmhg", p_low >= -30.0, p_low, "-30 mmHg or more"),
+        check("pressure_not_above_mmhg", p_high <= 400.0, p_high, "400 mmHg or less"),
+    ]
+}

@@ -1,0 +1,49 @@
+//! Intracellular calcium transients: the input of a calcium-driven contraction model.
+
+pub mod rice2008;
+pub mod sampled;
+
+pub use rice2008::{Rice2008, Rice2008Parameters};
+pub use sampled::SampledCalcium;
+
+/// A calcium transient as a function of the time since activation.
+pub trait Calcium: std::fmt::Debug + Send + Sync {
+    /// Calcium \[µM\] `since_activation_ms` after activation; the resting value before it.
+    fn concentration_um(&self, since_activation_ms: f64) -> f64;
+
+    /// Calcium \[µM\] and its time derivative \[µM/ms\] at the same time, from the right.
+    fn value_and_rate(&self, since_activation_ms: f64) -> (f64, f64);
+}
+
+/// Why a calcium transient was refused.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum CalciumError {
+    /// A time constant is not a positive finite number.
+    #[error("calcium time constants must be positive, but tau_CR is {tau_cr_ms} ms and tau_CD is {tau_cd_ms} ms")]
+    TimeConstants {
+        /// Rise time constant \[ms\].
+        tau_cr_ms: f64,
+        /// Decay time constant \[ms\].
+        tau_cd_ms: f64,
+    },
+    /// A concentration is not positive or not finite.
+    #[error("calcium must be positive, but Ca_res is {ca_res_um} uM and Ca_max is {ca_max_um} uM")]
+    Concentrations {
+        /// Resting concentration \[µM\].
+        ca_res_um: f64,
+        /// Peak concentration \[µM\].
+        ca_max_um: f64,
+    },
+    /// A sampled transient is too short or has a sample that is not positive.
+    #[error(
+        "a sampled calcium transient needs 3 positive samples or more, but sample {index} of {n_samples} is {value_um} uM"
+    )]
+    Samples {
+        /// Number of samples given.
+        n_samples: usize,
+        /// Position of the first bad sample.
+        index: usize,
+        /// Its value \[µM\].
+        value_um: f64,
+    },
+}

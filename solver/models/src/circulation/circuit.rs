@@ -1,0 +1,330 @@
+//! The circulation of one ventricle: compartments, paths, and the pressures that fit together at the end of a step.
+
+use super::component::{CirculationError, Compartment, FlowPath, TimeStep};
+use cardiotwin_units::{Ml, MlPerS, Mmhg, Ms};
+use serde::{Deserialize, Serialize};
+
+/// Direction of a path as seen from the ventricle.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Direction {
+    /// From the compartment into the ventricle.
+    IntoVentricle,
+    /// From the ventricle into the compartment.
+    OutOfVentricle,
+}
+
+/// One path between the ventricle and a compartment.
+#[derive(Debug)]
+struct Connection {
+    path: Box<dyn FlowPath>,
+    compartment_idx: usize,
+    direction: Direction,
+}
+
+/// What the circulation gives the ventricle for a candidate cavity pressure at the end of a step.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct NetFlow {
+    /// Net flow into the ventricle \[mL/s\].
+    pub inflow_ml_per_s: f64,
+    /// Its slope with the cavity pressure \[mL/s/mmHg\], never positive.
+    pub slope_ml_per_s_per_mmhg: f64,
+}
+
+/// All states of a circulation: what a restart needs.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct CirculationState {
+    /// Time \[ms\].
+    pub time_ms: f64,
+    /// Component states, compartment after compartment.
+    pub states: Vec<f64>,
+    /// Compartment pressures \[mmHg\].
+    pub pressures_mmhg: Vec<f64>,
+    /// Flow of each path \[mL/s\], positive in its direction.
+    pub flows_ml_per_s: Vec<f64>,
+    /// Whether each path is open.
+    pub open: Vec<bool>,
+    /// Volume that passed each path since the start \[mL\].
+    pub passed_ml: Vec<f64>,
+}
+
+/// The circulation of one ventricle.
+#[derive(Debug)]
+pub struct Circulation {
+    compartments: Vec<Box<dyn Compartment>>,
+    /// Where each compartment's states begin.
+    first_state: Vec<usize>,
+    connections: Vec<Connection>,
+    now: CirculationState,
+    /// Trial pressures and flows of the last evaluation; `None` when none is pending.
+    trial: Vec<f64>,
+    trial_open: Vec<bool>,
+    trial_pressures: Vec<f64>,
+    pending: Option<TimeStep>,
+}
+
+impl Default for Circulation {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Circulation {
+    /// An empty circulation, to be filled by [`Self::add_compartment`] and [`Self::connect`].
+    #[must_use]
+    pub fn new() -> Self {
+        Self {
+            compartments: Vec::new(),
+            first_state: vec![0],
+            connections: Vec::new(),
+            now: CirculationState {
+                time_ms: 0.0,
+                states: Vec::new(),
+                pressures_mmhg: Vec::new(),
+                flows_ml_per_s: Vec::new(),
+                open: Vec::new(),
+                passed_ml: Vec::new(),
+            },
+            trial: Vec::new(),
+            trial_open: Vec::new(),
+            trial_pressures: Vec::new(),
+            pending: None,
+        }
+    }
+
+    /// Adds a compartment at its start state; returns its position.
+    pub fn add_compartment(&mut self, compartment: Box<dyn Compartment>) -> usize {
+        let first = self.now.states.len();
+        self.now.states.resize(first + compartment.n_states(), 0.0);
+        compartment.start(&mut self.now.states[first..]);
+        let still = TimeStep { end_ms: self.now.time_ms, dt_ms: 0.0 };
+        let (pressure, _) = compartment.pressure(&self.now.states[first..], 0.0, still);
+        self.now.pressures_mmhg.push(pressure);
+        self.trial_pressures.push(pressure);
+        self.first_state.push(self.now.states.len());
+        self.compartments.push(compartment);
+        self.compartments.len() - 1
+    }
+
+    /// Connects the ventricle with a compartment; returns the path's position.
+    pub fn connect(&mut self, path: Box<dyn FlowPath>, compartment_idx: usize, direction: Direction) -> usize {
+        self.connections.push(Connection { path, compartment_idx, direction });
+        self.now.flows_ml_per_s.push(0.0);
+        self.now.passed_ml.push(0.0);
+        self.now.open.push(false);
+        self.trial.push(0.0);
+        self.trial_open.push(false);
+        self.connections.len() - 1
+    }
+
+    /// Time of the last committed step.
+    #[must_use]
+    pub fn time(&self) -> Ms {
+        Ms(self.now.time_ms)
+    }
+
+    /// Position of the path with this name.
+    #[must_use]
+    pub fn path_idx(&self, name: &str) -> Option<usize> {
+        self.connections.iter().position(|c| c.path.name() == name)
+    }
+
+    /// Position of the compartment with this name.
+    #[must_use]
+    pub fn compartment_idx(&self, name: &str) -> Option<usize> {
+        self.compartments.iter().position(|c| c.name() == name)
+    }
+
+    /// Committed pressure of a compartment.
+    #[must_use]
+    pub fn pressure(&self, compartment_idx: usize) -> Mmhg {
+        Mmhg(self.now.pressures_mmhg[compartment_idx])
+    }
+
+    /// Committed flow of a path, positive in its direction.
+    #[must_use]
+    pub fn flow(&self, path_idx: usize) -> MlPerS {
+        MlPerS(self.now.flows_ml_per_s[path_idx])
+    }
+
+    /// Whether a path was open at the end of the last committed step.
+    #[must_use]
+    pub fn is_open(&self, path_idx: usize) -> bool {
+        self.now.open[path_idx]
+    }
+
+    /// Committed net flow into the ventricle.
+    #[must_use]
+    pub fn net_inflow(&self) -> MlPerS {
+        MlPerS(self.signed_sum(&self.now.flows_ml_per_s))
+    }
+
+    /// Net volume that entered the ventricle since the start: its volume must have grown by as much.
+    #[must_use]
+    pub fn net_volume_in(&self) -> Ml {
+        Ml(self.signed_sum(&self.now.passed_ml))
+    }
+
+    /// Volume that passed a path since the start, in its direction.
+    #[must_use]
+    pub fn passed(&self, path_idx: usize) -> Ml {
+        Ml(self.now.passed_ml[path_idx])
+    }
+
+    fn signed_sum(&self, values: &[f64]) -> f64 {
+        self.connections
+            .iter()
+            .zip(values)
+            .map(|(c, v)| if c.direction == Direction::IntoVentricle { *v } else { -v })
+            .sum()
+    }
+
+    /// Sum of the flows into a compartment at its candidate pressure, with slopes for cavity and compartment pressure.
+    /// The laws depend on the difference alone, so the second slope is minus the first.
+    fn inflow(&self, compartment_idx: usize, cavity_mmhg: f64, pressure_mmhg: f64) -> (f64, f64) {
+        let (mut flow, mut slope) = (0.0, 0.0);
+        for c in self.connections.iter().filter(|c| c.compartment_idx == compartment_idx) {
+            let (q, dq) = match c.direction {
+                Direction::OutOfVentricle => c.path.flow(cavity_mmhg - pressure_mmhg),
+                Direction::IntoVentricle => {
+                    let (q, dq) = c.path.flow(pressure_mmhg - cavity_mmhg);
+                    (-q, dq)
+                }
+            };
+            flow += q;
+            slope += dq;
+        }
+        (flow, slope)
+    }
+
+    /// Evaluates a step of `dt` that ends with this cavity pressure, and keeps it as the pending trial. Nothing committed
+    /// changes, so the step can be evaluated again. The residual of each compartment is increasing in its pressure and
+    /// piecewise smooth: a Newton step that leaves what is known of the root is replaced by bisection, so valves that
+    /// change state inside the iteration cannot make it cycle.
+    ///
+    /// # Errors
+    /// [`CirculationError::NoPressure`] when a compartment's pressure is not found (a value that is not finite).
+    pub fn try_step(&mut self, cavity: Mmhg, dt: Ms) -> Result<NetFlow, CirculationError> {
+        let step = TimeStep { end_ms: self.now.time_ms + dt.0, dt_ms: dt.0 };
+        let (mut net, mut slope) = (0.0, 0.0);
+        for idx in 0..self.compartments.len() {
+            self.compartments[idx].prepare(step);
+            let (flow, dflow) = self.solve_compartment(idx, cavity.0, step)?;
+            net -= flow;
+            slope -= dflow;
+        }
+        for (i, c) in self.connections.iter().enumerate() {
+            let difference = match c.direction {
+                Direction::OutOfVentricle => cavity.0 - self.trial_pressures[c.compartment_idx],
+                Direction::IntoVentricle => self.trial_pressures[c.compartment_idx] - cavity.0,
+            };
+            self.trial[i] = c.path.flow(difference).0;
+            self.trial_open[i] = c.path.is_open(difference);
+        }
+        self.pending = Some(step);
+        Ok(NetFlow { inflow_ml_per_s: net, slope_ml_per_s_per_mmhg: slope })
+    }
+
+    /// Finds one compartment's pressure; returns the flow into it and its total slope with the cavity pressure.
+    fn solve_compartment(
+        &mut self,
+        idx: usize,
+        cavity_mmhg: f64,
+        step: TimeStep,
+    ) -> Result<(f64, f64), CirculationError> {
+        const LIMIT: usize = 100;
+        let compartment = &self.compartments[idx];
+        let state = &self.now.states[self.first_state[idx]..self.first_state[idx + 1]];
+        if compartment.is_source() {
+            let (pressure, _) = compartment.pressure(state, 0.0, step);
+            let (flow, slope) = self.inflow(idx, cavity_mmhg, pressure);
+            self.trial_pressures[idx] = pressure;
+            if flow.is_finite() {
+                return Ok((flow, slope));
+            }
+        }
+        let (mut low, mut high) = (f64::NEG_INFINITY, f64::INFINITY);
+        let mut pressure = self.trial_pressures[idx];
+        for _ in 0..LIMIT {
+            let (flow, slope) = self.inflow(idx, cavity_mmhg, pressure);
+            let (wanted, stiffness) = compartment.pressure(state, flow, step);
+            let residual = pressure - wanted;
+            let gain = 1.0 + stiffness * slope;
+            if !residual.is_finite() {
+                break;
+            }
+            // The correction, not the residual: round-off of the flow through a tiny resistance is part of the latter.
+            if residual.abs() <= 1e-12 * gain * (1.0 + pressure.abs()) || high - low <= 1e-13 * (1.0 + pressure.abs()) {
+                self.trial_pressures[idx] = pressure;
+                return Ok((flow, slope / gain));
+            }
+            if residual < 0.0 {
+                low = low.max(pressure);
+            } else {
+                high = high.min(pressure);
+            }
+            let newton = pressure - residual / gain;
+            pressure = if newton > low && newton < high { newton } else { 0.5 * (low + high) };
+            if !pressure.is_finite() {
+                break;
+            }
+        }
+        self.trial_pressures[idx] = self.now.pressures_mmhg[idx];
+        let compartment = self.compartments[idx].name();
+        Err(CirculationError::NoPressure { compartment, cavity_mmhg, t_ms: step.end_ms, dt_ms: step.dt_ms })
+    }
+
+    /// Accepts the pending trial; does nothing without one.
+    pub fn commit(&mut self) {
+        let Some(step) = self.pending.take() else { return };
+        for (idx, compartment) in self.compartments.iter().enumerate() {
+            let inflow: f64 = self
+                .connections
+                .iter()
+                .zip(&self.trial)
+                .filter(|(c, _)| c.compartment_idx == idx)
+                .map(|(c, q)| if c.direction == Direction::OutOfVentricle { *q } else { -q })
+                .sum();
+            compartment.advance(&mut self.now.states[self.first_state[idx]..self.first_state[idx + 1]], inflow, step);
+        }
+        self.now.pressures_mmhg.copy_from_slice(&self.trial_pressures);
+        self.now.flows_ml_per_s.copy_from_slice(&self.trial);
+        self.now.open.copy_from_slice(&self.trial_open);
+        for (passed, flow) in self.now.passed_ml.iter_mut().zip(&self.trial) {
+            *passed += flow * step.dt_ms * 1e-3;
+        }
+        self.now.time_ms = step.end_ms;
+    }
+
+    /// Drops the pending trial.
+    pub fn roll_back(&mut self) {
+        self.pending = None;
+        self.trial_pressures.copy_from_slice(&self.now.pressures_mmhg);
+    }
+
+    /// All committed states.
+    #[must_use]
+    pub fn snapshot(&self) -> CirculationState {
+        self.now.clone()
+    }
+
+    /// Goes back to a snapshot and drops any pending trial.
+    ///
+    /// # Errors
+    /// [`CirculationError::ForeignSnapshot`] when its sizes are not those of this circulation.
+    pub fn restore(&mut self, state: &CirculationState) -> Result<(), CirculationError> {
+        let fits = state.states.len() == self.now.states.len()
+            && state.pressures_mmhg.len() == self.compartments.len()
+            && [state.flows_ml_per_s.len(), state.open.len(), state.passed_ml.len()] == [self.connections.len(); 3];
+        if !fits {
+            return Err(CirculationError::ForeignSnapshot {
+                found: state.states.len(),
+                found_paths: state.flows_ml_per_s.len(),
+                expected: self.now.states.len(),
+                expected_paths: self.connections.len(),
+            });
+        }
+        self.now.clone_from(state);
+        self.roll_back();
+        Ok(())
+    }
+}

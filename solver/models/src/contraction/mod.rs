@@ -1,0 +1,157 @@
+//! Active stress of a cardiomyocyte, one model a file.
+//!
+//! A model is a value with parameters only; the states of many nodes live with the caller, so that a snapshot is a copy of
+//! numbers and a step can be tried again. Another cell model is one file that implements [`Contraction`].
+
+pub mod land2017;
+mod land2017_step;
+pub mod tanh;
+
+pub use land2017::{Land2017, Land2017Parameters};
+pub use tanh::{Tanh, TanhParameters};
+
+/// One node's time step: what the cell sees while the stretch goes linearly from `lambda_prev` to `lambda`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct NodeStep {
+    /// Time since activation at the end of the step \[ms\]; negative before a first activation.
+    pub since_activation_ms: f64,
+    /// Length of the step \[ms\].
+    pub dt_ms: f64,
+    /// Calcium at the start of the step \[µM\].
+    pub ca_start_um: f64,
+    /// Calcium at the end of the step \[µM\].
+    pub ca_end_um: f64,
+    /// Fibre stretch at the start of the step.
+    pub lambda_prev: f64,
+    /// Candidate fibre stretch at the end of the step.
+    pub lambda: f64,
+}
+
+/// Active stress at the end of a step.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct ActiveStress {
+    /// Active stress along the fibre \[kPa\].
+    pub sa_kpa: f64,
+    /// Its total derivative with respect to the candidate stretch \[kPa\], the state's own answer included: what Newton
+    /// needs, and what makes a rate-dependent model stable in a staggered or monolithic step.
+    pub dsa_dlambda_kpa: f64,
+}
+
+/// The same step for many nodes that share one stretch (the groups of a reduced ventricle).
+#[derive(Debug, Clone, Copy)]
+pub struct UniformStep<'a> {
+    /// Length of the step \[ms\].
+    pub dt_ms: f64,
+    /// Fibre stretch at the start of the step.
+    pub lambda_prev: f64,
+    /// Candidate fibre stretch at the end of the step.
+    pub lambda: f64,
+    /// Time since activation at the end of the step \[ms\], one a node.
+    pub since_activation_ms: &'a [f64],
+    /// Calcium at the start of the step \[µM\], one a node, empty where [`Contraction::needs_calcium`] is false.
+    pub ca_start_um: &'a [f64],
+    /// Calcium at the end of the step \[µM\], as above.
+    pub ca_end_um: &'a [f64],
+}
+
+impl UniformStep<'_> {
+    /// The step of node `node_idx`.
+    #[must_use]
+    pub fn node(&self, node_idx: usize) -> NodeStep {
+        NodeStep {
+            since_activation_ms: self.since_activation_ms[node_idx],
+            dt_ms: self.dt_ms,
+            ca_start_um: self.ca_start_um.get(node_idx).copied().unwrap_or(0.0),
+            ca_end_um: self.ca_end_um.get(node_idx).copied().unwrap_or(0.0),
+            lambda_prev: self.lambda_prev,
+            lambda: self.lambda,
+        }
+    }
+}
+
+/// A model of active stress.
+pub trait Contraction: std::fmt::Debug + Send + Sync {
+    /// Number of state variables of one node.
+    fn n_states(&self) -> usize;
+
+    /// Whether the model is driven by calcium; otherwise by the time since activation alone.
+    fn needs_calcium(&self) -> bool;
+
+    /// Fills `state` (length [`Self::n_states`]) with the resting state.
+    fn rest(&self, state: &mut [f64]);
+
+    /// Tries one node's step: from `state` at its start to `trial` at its end (both of length [`Self::n_states`]).
+    /// `state` is not touched, so that the step can be tried again with another stretch.
+    ///
+    /// # Errors
+    /// [`ContractionError`] when the step's input or the result is outside the model; never a panic or a NaN.
+    fn try_step(&self, step: &NodeStep, state: &[f64], trial: &mut [f64]) -> Result<ActiveStress, ContractionError>;
+
+    /// Tries the step of many nodes with one stretch; states are node after node, `stress` one a node.
+    ///
+    /// # Errors
+    /// As [`Self::try_step`], for the first node that fails.
+    fn try_step_uniform(
+        &self,
+        step: &UniformStep<'_>,
+        states: &[f64],
+        trials: &mut [f64],
+        stress: &mut [ActiveStress],
+    ) -> Result<(), ContractionError> {
+        let n = self.n_states();
+        for (node_idx, out) in stress.iter_mut().enumerate() {
+            let range = node_idx * n..(node_idx + 1) * n;
+            *out = self.try_step(&step.node(node_idx), &states[range.clone()], &mut trials[range])?;
+        }
+        Ok(())
+    }
+}
+
+/// Why a contraction model refused its parameters or a step.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum ContractionError {
+    /// A parameter is outside what the equations allow.
+    #[error("parameter {name} = {value} must be {expected}")]
+    Parameter {
+        /// The parameter's name as in the paper.
+        name: &'static str,
+        /// Its value.
+        value: f64,
+        /// What is allowed.
+        expected: &'static str,
+    },
+    /// k_WU = k_UW (1/r_W − 1) − k_WS is negative: a rate that creates what it should consume.
+    #[error("k_WU = {k_wu_per_ms} /ms is negative (k_UW = {k_uw_per_ms}, r_W = {r_w}, k_WS = {k_ws_per_ms})")]
+    NegativeKwu {
+        /// The derived rate \[1/ms\].
+        k_wu_per_ms: f64,
+        /// k_UW \[1/ms\].
+        k_uw_per_ms: f64,
+        /// r_W.
+        r_w: f64,
+        /// k_WS \[1/ms\].
+        k_ws_per_ms: f64,
+    },
+    /// The stretch is not a positive finite number.
+    #[error("fibre stretch {lambda} is not positive")]
+    Stretch {
+        /// The stretch given.
+        lambda: f64,
+    },
+    /// The calcium sensitivity Ca50 is not positive at this stretch.
+    #[error("Ca50 = {ca50_um} uM is not positive at fibre stretch {lambda}")]
+    Sensitivity {
+        /// Ca50 at that stretch \[µM\].
+        ca50_um: f64,
+        /// The stretch.
+        lambda: f64,
+    },
+    /// The step ended in a state that is not finite.
+    #[error("state is not finite {since_activation_ms} ms after activation, at fibre stretch {lambda}")]
+    NotFinite {
+        /// Time since activation \[ms\].
+        since_activation_ms: f64,
+        /// Fibre stretch.
+        lambda: f64,
+    },
+}

@@ -1,0 +1,325 @@
+//! Tanh active stress (Jung 2022, eqs. A1-A3; Niederer 2011 in CARPentry): a function of time since activation and stretch.
+
+use super::{ActiveStress, Contraction, ContractionError, NodeStep, UniformStep};
+use cardiotwin_units::{Kpa, Ms, Stretch};
+use serde::{Deserialize, Serialize};
+
+/// Parameters of [`Tanh`] with the paper's names (Jung 2022, Table A1).
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct TanhParameters {
+    /// Reference peak stress Smax_ref \[kPa\].
+    pub smax_ref_kpa: f64,
+    /// Reference time constant of the rise τ_SR_ref \[ms\].
+    pub tau_sr_ref_ms: f64,
+    /// Time constant of the decay τ_SD \[ms\].
+    pub tau_sd_ms: f64,
+    /// Duration of the contraction and relaxation t_CR \[ms\].
+    pub t_cr_ms: f64,
+    /// Electromechanical delay t_emd \[ms\].
+    pub t_emd_ms: f64,
+    /// Length dependence of the rise a4 \[ms\].
+    pub a4_ms: f64,
+    /// Slope of the length dependence a6.
+    pub a6: f64,
+    /// Stretch below which no stress is made a7.
+    pub a7: f64,
+}
+
+impl Default for TanhParameters {
+    /// Jung 2022, Table A1.
+    fn default() -> Self {
+        Self {
+            smax_ref_kpa: 100.0,
+            tau_sr_ref_ms: 40.0,
+            tau_sd_ms: 110.0,
+            t_cr_ms: 550.0,
+            t_emd_ms: 15.0,
+            a4_ms: 500.0,
+            a6: 5.0,
+            a7: 0.7,
+        }
+    }
+}
+
+/// Tanh active stress, `Sa = Smax_ref φ tanh²(ts/τ_SR) tanh²((t_CR − ts)/τ_SD)` for `0 < ts < t_CR`, else 0.
+///
+/// `ts = t − t_a − t_emd`, `φ = max(0, tanh(a6 (λ − a7)))`, `τ_SR = τ_SR_ref + a4 (1 − φ)` (Jung 2022, eqs. A1-A3).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Tanh {
+    parameters: TanhParameters,
+}
+
+/// Length dependence at one stretch, shared by all nodes with it.
+struct Length {
+    phi: f64,
+    dphi: f64,
+    tau_sr_ms: f64,
+    dtau_sr_ms: f64,
+}
+
+/// Square of tanh from `decay = e^{−2x}`, x ≥ 0, and `x · d(tanh²)/dx` up to that x: (tanh², 2 tanh sech²).
+#[inline]
+fn tanh_squared(decay: f64) -> (f64, f64) {
+    let inverse = 1.0 / (1.0 + decay);
+    let tanh = (1.0 - decay) * inverse;
+    // sech² = 4 e^{−2x} / (1 + e^{−2x})²
+    (tanh * tanh, 8.0 * tanh * decay * inverse * inverse)
+}
+
+impl Tanh {
+    /// Checks the parameters.
+    ///
+    /// # Errors
+    /// [`ContractionError::Parameter`] for a stress or time constant that is not positive, or a negative a4.
+    pub fn new(parameters: TanhParameters) -> Result<Self, ContractionError> {
+        let p = &parameters;
+        let positive = [
+            ("Smax_ref", p.smax_ref_kpa),
+            ("tau_SR_ref", p.tau_sr_ref_ms),
+            ("tau_SD", p.tau_sd_ms),
+            ("t_CR", p.t_cr_ms),
+            ("a6", p.a6),
+        ];
+        for (name, value) in positive {
+            if !(value > 0.0 && value.is_finite()) {
+                return Err(ContractionError::Parameter { name, value, expected: "positive" });
+            }
+        }
+        for (name, value) in [("a4", p.a4_ms), ("t_emd", p.t_emd_ms), ("a7", p.a7)] {
+            if !(value >= 0.0 && value.is_finite()) {
+                return Err(ContractionError::Parameter { name, value, expected: "zero or more" });
+            }
+        }
+        Ok(Self { parameters })
+    }
+
+    /// The parameters it was made from.
+    #[must_use]
+    pub fn parameters(&self) -> &TanhParameters {
+        &self.parameters
+    }
+
+    /// Active stress at a time since activation and a stretch (eqs. A1-A3). Verified by `tanh_reference_traces`.
+    ///
+    /// # Errors
+    /// [`ContractionError::Stretch`] when the stretch is not positive and finite.
+    pub fn active_stress(&self, since_activation: Ms, lambda: Stretch) -> Result<Kpa, ContractionError> {
+        let length = self.length(lambda.0)?;
+        Ok(Kpa(self.stress(since_activation.0, &length).sa_kpa))
+    }
+
+    fn length(&self, lambda: f64) -> Result<Length, ContractionError> {
+        if !(lambda > 0.0 && lambda.is_finite()) {
+            return Err(ContractionError::Stretch { lambda });
+        }
+        let p = &self.parameters;
+        // tanh from one exponential; what cancels near zero is of the order of round-off of one.
+        let raw = 1.0 - 2.0 / ((2.0 * p.a6 * (lambda - p.a7)).exp() + 1.0);
+        let (phi, dphi) = if raw > 0.0 { (raw, p.a6 * (1.0 - raw * raw)) } else { (0.0, 0.0) };
+        Ok(Length { phi, dphi, tau_sr_ms: p.tau_sr_ref_ms + p.a4_ms * (1.0 - phi), dtau_sr_ms: -p.a4_ms * dphi })
+    }
+
+    /// Stress of active nodes at equal distances in time, oldest first: from node to node both exponentials change by a
+    /// constant factor. The rise's sequence starts at the youngest node and the fall's at the oldest, where each is largest,
+    /// so that they only ever underflow to the right value, zero.
+    fn equally_spaced(&self, times: &[f64], spacing: f64, length: &Length, stress: &mut [ActiveStress]) {
+        let p = &self.parameters;
+        let n = times.len();
+        let rise_ratio = (-2.0 * spacing / length.tau_sr_ms).exp();
+        let fall_ratio = (-2.0 * spacing / p.tau_sd_ms).exp();
+        let rise = (-2.0 * (times[n - 1] - p.t_emd_ms) / length.tau_sr_ms).exp();
+        let fall = (-2.0 * (p.t_cr_ms - (times[0] - p.t_emd_ms)) / p.tau_sd_ms).exp();
+        // Four sequences side by side: a single one would wait for each product.
+        let powers = |start: f64, q: f64| ([start, start * q, start * q * q, start * q * q * q], (q * q) * (q * q));
+        let ((mut fall, fall_ratio), (mut rise, rise_ratio)) = (powers(fall, fall_ratio), powers(rise, rise_ratio));
+        for chunk in stress.chunks_mut(4) {
+            for (out, f) in chunk.iter_mut().zip(&mut fall) {
+                out.sa_kpa = *f;
+                *f *= fall_ratio;
+            }
+        }
+        let factor = -length.dtau_sr_ms / (length.tau_sr_ms * length.tau_sr_ms);
+        for (chunk, times) in stress.rchunks_mut(4).zip(times.rchunks(4)) {
+            for ((out, t), r) in chunk.iter_mut().zip(times).rev().zip(&mut rise) {
+                // As `combine`, with one division for both factors.
+                let fall = out.sa_kpa;
+                let inverse = 1.0 / ((1.0 + *r) * (1.0 + fall));
+                let tanh = (1.0 - *r) * (1.0 + fall) * inverse;
+                let tanh_fall = (1.0 - fall) * (1.0 + *r) * inverse;
+                let sech = (1.0 + fall) * inverse;
+                let envelope = p.smax_ref_kpa * tanh_fall * tanh_fall;
+                let (up, dup) = (tanh * tanh, 8.0 * tanh * *r * sech * sech);
+                out.sa_kpa = envelope * length.phi * up;
+                out.dsa_dlambda_kpa = envelope * (length.dphi * up + length.phi * dup * (t - p.t_emd_ms) * factor);
+                *r *= rise_ratio;
+            }
+        }
+    }
+
+    #[inline]
+    fn stress(&self, since_activation_ms: f64, length: &Length) -> ActiveStress {
+        let p = &self.parameters;
+        let ts = since_activation_ms - p.t_emd_ms;
+        if !(ts > 0.0 && ts < p.t_cr_ms) {
+            return ActiveStress::default();
+        }
+        let rise = (-2.0 * ts / length.tau_sr_ms).exp();
+        let fall = (-2.0 * (p.t_cr_ms - ts) / p.tau_sd_ms).exp();
+        self.combine(ts, rise, fall, length)
+    }
+
+    /// Stress from `rise = e^{−2 ts/τ_SR}` and `fall = e^{−2 (t_CR − ts)/τ_SD}`.
+    #[inline]
+    fn combine(&self, ts: f64, rise: f64, fall: f64, length: &Length) -> ActiveStress {
+        let (up, dup) = tanh_squared(rise);
+        let envelope = self.parameters.smax_ref_kpa * tanh_squared(fall).0;
+        let dx = -ts / (length.tau_sr_ms * length.tau_sr_ms) * length.dtau_sr_ms;
+        ActiveStress {
+            sa_kpa: envelope * length.phi * up,
+            dsa_dlambda_kpa: envelope * (length.dphi * up + length.phi * dup * dx),
+        }
+    }
+}
+
+/// Nodes at equal distances in activation time are recognised up to this deviation \[ms\].
+const SPACING_TOLERANCE_MS: f64 = 1e-9;
+
+impl Contraction for Tanh {
+    fn n_states(&self) -> usize {
+        0
+    }
+
+    fn needs_calcium(&self) -> bool {
+        false
+    }
+
+    fn rest(&self, _state: &mut [f64]) {}
+
+    fn try_step(&self, step: &NodeStep, _state: &[f64], _trial: &mut [f64]) -> Result<ActiveStress, ContractionError> {
+        Ok(self.stress(step.since_activation_ms, &self.length(step.lambda)?))
+    }
+
+    /// Nodes at equal distances, oldest first, cost four exponentials together instead of two each.
+    fn try_step_uniform(
+        &self,
+        step: &UniformStep<'_>,
+        _states: &[f64],
+        _trials: &mut [f64],
+        stress: &mut [ActiveStress],
+    ) -> Result<(), ContractionError> {
+        let length = self.length(step.lambda)?;
+        let p = &self.parameters;
+        let times = step.since_activation_ms;
+        let is_active = |t: &f64| *t > p.t_emd_ms && *t < p.t_emd_ms + p.t_cr_ms;
+        stress.fill(ActiveStress::default());
+        let (Some(first), Some(last)) = (times.iter().position(is_active), times.iter().rposition(is_active)) else {
+            return Ok(());
+        };
+        let active = &times[first..=last];
+        let spacing = if active.len() > 1 { active[0] - active[1] } else { 0.0 };
+        let equal = spacing >= 0.0 && active.windows(2).all(|w| (w[0] - w[1] - spacing).abs() < SPACING_TOLERANCE_MS);
+        if !equal {
+            for (out, &t) in stress.iter_mut().zip(times) {
+                *out = self.stress(t, &length);
+            }
+            return Ok(());
+        }
+        self.equally_spaced(active, spacing, &length, &mut stress[first..=last]);
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn at(p: TanhParameters, t: f64, lambda: f64) -> ActiveStress {
+        let step =
+            NodeStep { since_activation_ms: t, dt_ms: 1.0, ca_start_um: 0.0, ca_end_um: 0.0, lambda_prev: 1.0, lambda };
+        Tanh::new(p).unwrap().try_step(&step, &[], &mut []).unwrap()
+    }
+
+    #[test]
+    fn equals_the_printed_equation() {
+        let p = TanhParameters::default();
+        let phi: f64 = (5.0f64 * 0.3).tanh();
+        assert!((phi - 0.905_148).abs() < 1e-6);
+        for t in [16.0, 60.0, 200.0, 400.0, 564.0] {
+            let ts = t - 15.0;
+            let tau = 40.0 + 500.0 * (1.0 - phi);
+            let expected = 100.0 * phi * (ts / tau).tanh().powi(2) * ((550.0 - ts) / 110.0).tanh().powi(2);
+            assert!((at(p, t, 1.0).sa_kpa - expected).abs() < 1e-11, "{t}");
+        }
+    }
+
+    #[test]
+    fn is_zero_outside_its_time_and_below_a7() {
+        let p = TanhParameters::default();
+        for t in [-100.0, 0.0, 15.0, 565.0, 900.0] {
+            assert_eq!(at(p, t, 1.0), ActiveStress::default());
+        }
+        assert_eq!(at(p, 200.0, 0.69), ActiveStress::default());
+    }
+
+    #[test]
+    fn each_parameter_moves_stress_and_tangent() {
+        let base = TanhParameters::default();
+        let reference = at(base, 150.0, 0.95);
+        let moved = [
+            TanhParameters { smax_ref_kpa: 101.0, ..base },
+            TanhParameters { tau_sr_ref_ms: 41.0, ..base },
+            TanhParameters { tau_sd_ms: 150.0, ..base },
+            TanhParameters { t_cr_ms: 400.0, ..base },
+            TanhParameters { t_emd_ms: 16.0, ..base },
+            TanhParameters { a4_ms: 510.0, ..base },
+            TanhParameters { a6: 5.1, ..base },
+            TanhParameters { a7: 0.71, ..base },
+        ];
+        for p in moved {
+            let other = at(p, 150.0, 0.95);
+            assert!((other.sa_kpa - reference.sa_kpa).abs() > 1e-3, "{p:?}");
+            assert!((other.dsa_dlambda_kpa - reference.dsa_dlambda_kpa).abs() > 1e-3, "{p:?}");
+        }
+    }
+
+    #[test]
+    fn refuses_nonsense() {
+        let bad = TanhParameters { tau_sd_ms: -1.0, ..Default::default() };
+        assert!(matches!(Tanh::new(bad), Err(ContractionError::Parameter { name: "tau_SD", .. })));
+        let cell = Tanh::new(TanhParameters::default()).unwrap();
+        assert!(matches!(cell.active_stress(Ms(100.0), Stretch(f64::NAN)), Err(ContractionError::Stretch { .. })));
+    }
+
+    proptest! {
+        #[test]
+        fn tangent_is_the_slope(t in 16.0..560.0f64, lambda in 0.71..1.2f64, tau in 0.5..80.0f64, a4 in 0.0..600.0f64) {
+            let p = TanhParameters { tau_sr_ref_ms: tau, a4_ms: a4, ..Default::default() };
+            let h = 1e-6;
+            let slope = (at(p, t, lambda + h).sa_kpa - at(p, t, lambda - h).sa_kpa) / (2.0 * h);
+            let tangent = at(p, t, lambda).dsa_dlambda_kpa;
+            prop_assert!((slope - tangent).abs() < 1e-5 * (1.0 + tangent.abs()), "{slope} {tangent}");
+        }
+
+        #[test]
+        fn equally_spaced_nodes_agree_with_single_nodes(
+            t in -20.0..640.0f64, spacing in 0.0..4.0f64, lambda in 0.6..1.3f64, tau in 0.05..80.0f64, n in 1usize..40, bent in 0usize..2
+        ) {
+            let cell = Tanh::new(TanhParameters { tau_sr_ref_ms: tau, a4_ms: 5.0, tau_sd_ms: tau, ..Default::default() }).unwrap();
+            let mut times: Vec<f64> = (0..n).map(|k| t - spacing * k as f64).collect();
+            if bent == 1 {
+                times[n / 2] += 0.3;
+            }
+            let step = UniformStep {
+                dt_ms: 1.0, lambda_prev: 1.0, lambda, since_activation_ms: &times, ca_start_um: &[], ca_end_um: &[],
+            };
+            let mut stress = vec![ActiveStress::default(); n];
+            cell.try_step_uniform(&step, &[], &mut [], &mut stress).unwrap();
+            for (node_idx, out) in stress.iter().enumerate() {
+                let single = cell.try_step(&step.node(node_idx), &[], &mut []).unwrap();
+                prop_assert!((out.sa_kpa - single.sa_kpa).abs() < 1e-9);
+                prop_assert!((out.dsa_dlambda_kpa - single.dsa_dlambda_kpa).abs() < 1e-8 * (1.0 + single.dsa_dlambda_kpa.abs()));
+            }
+        }
+    }
+}

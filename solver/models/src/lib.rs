@@ -1,0 +1,21 @@
+//! Models without a space coordinate: contraction, calcium, the coupled 0D cell, the circulation and the one-fibre ventricle.
+//!
+//! - [`contraction`]: Tanh and Land 2017 active stress behind [`contraction::Contraction`]
+//! - [`calcium`]: the Rice transient behind [`calcium::Calcium`]
+//! - [`cell0d`]: the electromechanical cell `Sa + S_p = 0` in its periodic state, its biomarkers, cost and penalty
+//! - [`circulation`]: compartments and flow paths around one ventricle
+//! - [`ventricle`]: the [`ventricle::Ventricle`] trait and its one-fibre implementation
+//! - [`beat`]: one beat or several to periodicity, with traces and checks; [`median_traces`]: step 2's targets
+//!
+//! Units: ms, kPa inside the wall, mmHg, mL and mL/s in the circulation, µM.
+
+#![deny(missing_docs)]
+
+pub mod beat;
+pub mod calcium;
+pub mod cell0d;
+pub mod circulation;
+pub mod contraction;
+pub mod median_traces;
+pub mod roots;
+pub mod ventricle;

@@ -1,0 +1,418 @@
+//! The reduced ventricle: thick-walled one-fibre law (Arts 1991) with groups of cells activated one after another.
+//!
+//! One stretch for all groups, each with its own activation time and cell state; fibre stress is the weighted mean of
+//! their active stress (the paper's Sa/(f·Cf) f⊗f is a Cauchy fibre stress of Sa) plus the passive law.
+
+use super::passive_state::{OneFibrePassive, pressure_per_stress, stretch};
+use super::{ActivationGroups, ActivationSpread, TriedStep, Ventricle, VentricleError, VentricleSnapshot};
+use crate::calcium::Calcium;
+use crate::cell0d::{Cell0d, CellBeat};
+use crate::circulation::Circulation;
+use crate::contraction::{ActiveStress, Contraction, Land2017, Tanh, UniformStep};
+use cardiotwin_units::{MMHG_PER_KPA, Ml, Mmhg, Ms};
+use std::sync::Arc;
+
+/// The contraction model of all groups, with its calcium and start state.
+#[derive(Debug)]
+pub struct GroupContraction {
+    model: Box<dyn Contraction>,
+    calcium: Option<Arc<dyn Calcium>>,
+    start_state: Vec<f64>,
+}
+
+impl GroupContraction {
+    /// Tanh in every group.
+    #[must_use]
+    pub fn tanh(tanh: Tanh) -> Self {
+        Self { model: Box::new(tanh), calcium: None, start_state: Vec::new() }
+    }
+
+    /// Land with the calcium of a 0D cell, started from the cell's periodic state.
+    #[must_use]
+    pub fn land(cell: &Cell0d, beat: &CellBeat) -> Self {
+        let land: Land2017 = *cell.land();
+        Self {
+            model: Box::new(land),
+            calcium: Some(cell.shared_calcium()),
+            start_state: beat.start_state.land.to_vec(),
+        }
+    }
+
+    /// Any other model; `calcium` where the model needs it, `start_state` of its length.
+    ///
+    /// # Errors
+    /// [`VentricleError::Parameter`] when the state's length is not the model's, or calcium is missing.
+    pub fn new(
+        model: Box<dyn Contraction>,
+        calcium: Option<Arc<dyn Calcium>>,
+        start_state: Vec<f64>,
+    ) -> Result<Self, VentricleError> {
+        if start_state.len() != model.n_states() {
+            let (value, expected) = (start_state.len() as f64, "as many as the contraction model has states");
+            return Err(VentricleError::Parameter { name: "start states", value, expected });
+        }
+        if model.needs_calcium() && calcium.is_none() {
+            return Err(VentricleError::Parameter {
+                name: "calcium",
+                value: f64::NAN,
+                expected: "given for this contraction model",
+            });
+        }
+        Ok(Self { model, calcium, start_state })
+    }
+}
+
+/// Something that adds to the cavity pressure: a pericardium, wall viscosity. None in the base model.
+pub trait CavityPressureTerm: std::fmt::Debug + Send + Sync {
+    /// Pressure \[mmHg\] at a volume \[mL\] and its rate \[mL/s\], with its slopes for both.
+    fn pressure(&self, volume_ml: f64, rate_ml_per_s: f64) -> (f64, f64, f64);
+}
+
+/// Everything that defines a one-fibre ventricle.
+#[derive(Debug)]
+pub struct OneFibreParameters {
+    /// Passive law and reference volumes.
+    pub passive: OneFibrePassive,
+    /// Activation of the groups.
+    pub activation: ActivationSpread,
+    /// Contraction model.
+    pub contraction: GroupContraction,
+    /// Cycle length, after which every group is activated again.
+    pub cycle_length: Ms,
+    /// Further parts of the cavity pressure.
+    pub pressure_terms: Vec<Box<dyn CavityPressureTerm>>,
+}
+
+/// Committed state.
+#[derive(Debug, Clone, Default)]
+struct State {
+    time_ms: f64,
+    volume_ml: f64,
+    rate_ml_per_s: f64,
+    pressure_mmhg: f64,
+    lambda: f64,
+    cells: Vec<f64>,
+    sa_kpa: Vec<f64>,
+    ca_um: Vec<f64>,
+}
+
+/// The reduced ventricle.
+#[derive(Debug)]
+pub struct OneFibreVentricle {
+    passive: OneFibrePassive,
+    /// Stretch from the unloaded volume over that from end-diastole.
+    stretch_ratio: f64,
+    model: Box<dyn Contraction>,
+    calcium: Option<Arc<dyn Calcium>>,
+    cycle_length_ms: f64,
+    activation_ms: Vec<f64>,
+    weights: Vec<f64>,
+    pressure_terms: Vec<Box<dyn CavityPressureTerm>>,
+    iteration_limit: usize,
+    now: State,
+    trial: Trial,
+}
+
+/// Buffers of a tried step.
+#[derive(Debug, Default)]
+struct Trial {
+    pending: bool,
+    time_ms: f64,
+    volume_ml: f64,
+    rate_ml_per_s: f64,
+    pressure_mmhg: f64,
+    since_activation_ms: Vec<f64>,
+    ca_um: Vec<f64>,
+    cells: Vec<f64>,
+    stress: Vec<ActiveStress>,
+}
+
+/// Kind in snapshots.
+const KIND: &str = "one-fibre 1";
+/// Residual of the volume balance at which a step is accepted \[mL\].
+const RESIDUAL_ML: f64 = 1e-8;
+/// Newton's and bisection's together, unless limited.
+const ITERATIONS: usize = 60;
+
+impl OneFibreVentricle {
+    /// A ventricle at its end-diastolic state, time zero.
+    ///
+    /// # Errors
+    /// [`VentricleError::Parameter`] for a bad spread or cycle length.
+    pub fn new(parameters: OneFibreParameters) -> Result<Self, VentricleError> {
+        let (times_ms, weights) = parameters.activation.groups()?;
+        Self::with_groups(parameters, &ActivationGroups::new(times_ms, weights)?)
+    }
+
+    /// As [`Self::new`] with given groups in the place of the spread: part of the wall late, or a measured map.
+    ///
+    /// # Errors
+    /// [`VentricleError::Parameter`] for a cycle length that ends before the last group's activation.
+    pub fn with_groups(parameters: OneFibreParameters, groups: &ActivationGroups) -> Result<Self, VentricleError> {
+        let OneFibreParameters { passive, activation: _, contraction, cycle_length, pressure_terms } = parameters;
+        let (activation_ms, weights) = (groups.times_ms().to_vec(), groups.weights().to_vec());
+        let latest = activation_ms.iter().fold(0.0, |latest: f64, t| latest.max(*t));
+        if !(cycle_length.0 > latest && cycle_length.0.is_finite()) {
+            let expected = "longer than the latest activation time";
+            return Err(VentricleError::Parameter { name: "cycle length", value: cycle_length.0, expected });
+        }
+        let n = activation_ms.len();
+        let n_calcium = if contraction.calcium.is_some() { n } else { 0 };
+        let volume_ml = passive.end_diastolic_volume.0;
+        let cells = contraction.start_state.repeat(n);
+        let mut ventricle = Self {
+            model: contraction.model,
+            calcium: contraction.calcium,
+            cycle_length_ms: cycle_length.0,
+            weights,
+            pressure_terms,
+            iteration_limit: ITERATIONS,
+            now: State {
+                volume_ml,
+                lambda: 1.0,
+                cells: cells.clone(),
+                sa_kpa: vec![0.0; n],
+                ca_um: vec![0.0; n_calcium],
+                ..State::default()
+            },
+            trial: Trial {
+                since_activation_ms: vec![0.0; n],
+                ca_um: vec![0.0; n_calcium],
+                cells,
+                stress: vec![ActiveStress::default(); n],
+                ..Trial::default()
+            },
+            stretch_ratio: passive.stretch_ratio(),
+            passive,
+            activation_ms,
+        };
+        ventricle.prepare_groups(0.0);
+        ventricle.now.ca_um.copy_from_slice(&ventricle.trial.ca_um);
+        // The stress at time zero: a step of vanishing length at constant stretch.
+        let dt = 1e-6;
+        let (pressure, _) = ventricle.cavity_pressure(volume_ml, dt)?;
+        ventricle.now.pressure_mmhg = pressure;
+        for (sa, stress) in ventricle.now.sa_kpa.iter_mut().zip(&ventricle.trial.stress) {
+            *sa = stress.sa_kpa;
+        }
+        Ok(ventricle)
+    }
+
+    /// A step fails after `limit` iterations (at least one); the beat then cuts it.
+    pub fn limit_iterations(&mut self, limit: usize) {
+        self.iteration_limit = limit.max(1);
+    }
+
+    /// The passive law.
+    #[must_use]
+    pub fn passive(&self) -> &OneFibrePassive {
+        &self.passive
+    }
+
+    /// Times since activation and calcium of all groups at the end of a step. In the first beat a group that is not yet
+    /// activated has a negative time, and sees the tail of the previous calcium transient.
+    fn prepare_groups(&mut self, end_ms: f64) {
+        let length = self.cycle_length_ms;
+        for (since, t_a) in self.trial.since_activation_ms.iter_mut().zip(&self.activation_ms) {
+            let time = end_ms - t_a;
+            *since = if time >= length { time - (time / length).floor() * length } else { time };
+        }
+        if let Some(calcium) = &self.calcium {
+            for (ca, since) in self.trial.ca_um.iter_mut().zip(&self.trial.since_activation_ms) {
+                *ca = calcium.concentration_um(if *since < 0.0 { since + length } else { *since });
+            }
+        }
+    }
+
+    /// Cavity pressure \[mmHg\] for a candidate volume at the end of a step, and its slope with it; fills the trial's cells.
+    fn cavity_pressure(&mut self, volume_ml: f64, dt_ms: f64) -> Result<(f64, f64), VentricleError> {
+        let wall = self.passive.wall_volume.0;
+        let reference = self.passive.end_diastolic_volume.0;
+        let (lambda, dlambda) = stretch(volume_ml, reference, wall);
+        let step = UniformStep {
+            dt_ms,
+            lambda_prev: self.now.lambda,
+            lambda,
+            since_activation_ms: &self.trial.since_activation_ms,
+            ca_start_um: &self.now.ca_um,
+            ca_end_um: &self.trial.ca_um,
+        };
+        self.model
+            .try_step_uniform(&step, &self.now.cells, &mut self.trial.cells, &mut self.trial.stress)
+            .map_err(|source| VentricleError::Contraction { t_ms: self.now.time_ms + dt_ms, source })?;
+        let (mut sa, mut dsa) = (0.0, 0.0);
+        for (weight, stress) in self.weights.iter().zip(&self.trial.stress) {
+            sa += weight * stress.sa_kpa;
+            dsa += weight * stress.dsa_dlambda_kpa;
+        }
+        let (passive, dpassive) =
+            self.passive.stress_at_stretch(lambda * self.stretch_ratio, dlambda * self.stretch_ratio);
+        let (factor, dfactor) = pressure_per_stress(volume_ml, wall);
+        let stress = sa + passive;
+        let mut pressure = MMHG_PER_KPA * stress * factor;
+        let mut slope = MMHG_PER_KPA * ((dsa * dlambda + dpassive) * factor + stress * dfactor);
+        let per_s = 1e3 / dt_ms;
+        for term in &self.pressure_terms {
+            let (p, dp_dv, dp_drate) = term.pressure(volume_ml, (volume_ml - self.now.volume_ml) * per_s);
+            pressure += p;
+            slope += dp_dv + dp_drate * per_s;
+        }
+        Ok((pressure, slope))
+    }
+
+    /// Finds the volume whose pressure lets just this volume pass: residual `V − V_n − dt Q(p(V))`, increasing wherever the
+    /// ventricle stiffens with volume; a bracket guards Newton where it does not, and across valve kinks.
+    fn solve(&mut self, circulation: &mut Circulation, dt_ms: f64) -> Result<TriedStep, VentricleError> {
+        let dt_s = dt_ms * 1e-3;
+        let start = self.now.volume_ml;
+        // All volumes from an empty cavity to thrice the start.
+        let (mut low, mut high) = (0.02 * start, 3.0 * start);
+        let mut volume = (start + self.now.rate_ml_per_s * dt_s).clamp(0.9 * start, 1.1 * start);
+        let mut residual = f64::NAN;
+        for iterations in 1..=self.iteration_limit {
+            let (pressure, dpressure) = self.cavity_pressure(volume, dt_ms)?;
+            let flow = circulation.try_step(Mmhg(pressure), Ms(dt_ms))?;
+            residual = volume - start - dt_s * flow.inflow_ml_per_s;
+            if !residual.is_finite() {
+                break;
+            }
+            if residual.abs() <= RESIDUAL_ML {
+                self.trial.volume_ml = volume;
+                self.trial.rate_ml_per_s = flow.inflow_ml_per_s;
+                self.trial.pressure_mmhg = pressure;
+                return Ok(TriedStep { pressure: Mmhg(pressure), volume: Ml(volume), iterations });
+            }
+            if residual < 0.0 {
+                low = low.max(volume);
+            } else {
+                high = high.min(volume);
+            }
+            let slope = 1.0 - dt_s * flow.slope_ml_per_s_per_mmhg * dpressure;
+            let newton = volume - residual / slope;
+            // A third of the iterations is Newton's; then only the bracket counts.
+            let use_newton = iterations <= ITERATIONS / 3 && newton > low && newton < high;
+            volume = if use_newton { newton } else { 0.5 * (low + high) };
+        }
+        Err(VentricleError::NoVolume {
+            t_ms: self.now.time_ms + dt_ms,
+            dt_ms,
+            volume_ml: start,
+            pressure_mmhg: self.now.pressure_mmhg,
+            candidate_ml: volume,
+            residual_ml: residual,
+            iterations: self.iteration_limit,
+        })
+    }
+}
+
+impl Ventricle for OneFibreVentricle {
+    fn time(&self) -> Ms {
+        Ms(self.now.time_ms)
+    }
+
+    fn volume(&self) -> Ml {
+        Ml(self.now.volume_ml)
+    }
+
+    fn pressure(&self) -> Mmhg {
+        Mmhg(self.now.pressure_mmhg)
+    }
+
+    fn try_step(&mut self, circulation: &mut Circulation, dt: Ms) -> Result<TriedStep, VentricleError> {
+        self.trial.pending = false;
+        if !(dt.0 > 0.0 && dt.0.is_finite()) {
+            return Err(VentricleError::Parameter { name: "time step", value: dt.0, expected: "positive" });
+        }
+        self.trial.time_ms = self.now.time_ms + dt.0;
+        self.prepare_groups(self.trial.time_ms);
+        let tried = self.solve(circulation, dt.0)?;
+        self.trial.pending = true;
+        Ok(tried)
+    }
+
+    fn commit(&mut self) {
+        if !self.trial.pending {
+            return;
+        }
+        self.trial.pending = false;
+        let (now, trial) = (&mut self.now, &mut self.trial);
+        now.time_ms = trial.time_ms;
+        now.volume_ml = trial.volume_ml;
+        now.rate_ml_per_s = trial.rate_ml_per_s;
+        now.pressure_mmhg = trial.pressure_mmhg;
+        now.lambda = self.passive.active_stretch(Ml(now.volume_ml)).0;
+        std::mem::swap(&mut now.cells, &mut trial.cells);
+        now.ca_um.copy_from_slice(&trial.ca_um);
+        for (sa, stress) in now.sa_kpa.iter_mut().zip(&trial.stress) {
+            *sa = stress.sa_kpa;
+        }
+    }
+
+    fn roll_back(&mut self) {
+        self.trial.pending = false;
+    }
+
+    fn activation_times_ms(&self) -> &[f64] {
+        &self.activation_ms
+    }
+
+    fn node_weights(&self) -> &[f64] {
+        &self.weights
+    }
+
+    fn active_stress_kpa(&self, out: &mut [f64]) {
+        out.copy_from_slice(&self.now.sa_kpa);
+    }
+
+    fn calcium_um(&self, out: &mut [f64]) {
+        if self.now.ca_um.is_empty() {
+            out.fill(0.0);
+        } else {
+            out.copy_from_slice(&self.now.ca_um);
+        }
+    }
+
+    fn stretch(&self, out: &mut [f64]) {
+        out.fill(self.now.lambda);
+    }
+
+    fn snapshot(&self) -> VentricleSnapshot {
+        let now = &self.now;
+        let mut values = vec![now.time_ms, now.volume_ml, now.rate_ml_per_s, now.pressure_mmhg];
+        for part in [&now.cells, &now.sa_kpa, &now.ca_um] {
+            values.extend_from_slice(part);
+        }
+        VentricleSnapshot { kind: KIND.to_owned(), values }
+    }
+
+    fn restore(&mut self, snapshot: &VentricleSnapshot) -> Result<(), VentricleError> {
+        let now = &mut self.now;
+        let lengths = [now.cells.len(), now.sa_kpa.len(), now.ca_um.len()];
+        let expected_values = 4 + lengths.iter().sum::<usize>();
+        if snapshot.kind != KIND || snapshot.values.len() != expected_values {
+            return Err(VentricleError::ForeignSnapshot {
+                found: snapshot.kind.clone(),
+                found_values: snapshot.values.len(),
+                expected: KIND,
+                expected_values,
+            });
+        }
+        let (scalars, rest) = snapshot.values.split_at(4);
+        now.time_ms = scalars[0];
+        now.volume_ml = scalars[1];
+        now.rate_ml_per_s = scalars[2];
+        now.pressure_mmhg = scalars[3];
+        now.lambda = self.passive.active_stretch(Ml(now.volume_ml)).0;
+        let (cells, rest) = rest.split_at(lengths[0]);
+        let (sa, ca) = rest.split_at(lengths[1]);
+        now.cells.copy_from_slice(cells);
+        now.sa_kpa.copy_from_slice(sa);
+        now.ca_um.copy_from_slice(ca);
+        self.trial.pending = false;
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+#[path = "one_fibre_tests.rs"]
+mod tests;

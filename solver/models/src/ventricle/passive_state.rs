@@ -1,0 +1,302 @@
+//! Passive state ("step 0") of the one-fibre ventricle: the unloaded volume and the passive fibre law (SPEC sections 3, 4).
+//!
+//! Geometry: Arts 1991, `p = σ_f/3 · ln(1 + V_wall/V)`, `λ = ((V + V_wall/3)/(V_ref + V_wall/3))^(1/3)`.
+
+use super::VentricleError;
+use crate::roots::increasing_root;
+use cardiotwin_units::{Kpa, Ml, Mmhg, Ms, Stretch};
+use serde::{Deserialize, Serialize};
+
+/// Exponent without a diastasis point: half of Guccione's b_f 18.48, as E enters linearly and not squared.
+pub const DEFAULT_EXPONENT: f64 = 18.48 / 2.0;
+/// Range in which the exponent is fitted.
+const EXPONENT_RANGE: (f64, f64) = (0.5, 80.0);
+
+/// Fibre stress \[kPa\] to cavity pressure \[kPa\], per unit of stress (Arts 1991), and its slope with the volume.
+#[inline]
+pub(crate) fn pressure_per_stress(volume_ml: f64, wall_ml: f64) -> (f64, f64) {
+    ((wall_ml / volume_ml).ln_1p() / 3.0, -wall_ml / (3.0 * volume_ml * (volume_ml + wall_ml)))
+}
+
+/// Fibre stretch from a reference volume, and its slope with the volume.
+#[inline]
+pub(crate) fn stretch(volume_ml: f64, reference_ml: f64, wall_ml: f64) -> (f64, f64) {
+    let now = volume_ml + wall_ml / 3.0;
+    // Not `cbrt`, whose correctly rounded version costs thrice as much: a few ulp do not matter here.
+    let lambda = ((now / (reference_ml + wall_ml / 3.0)).ln() / 3.0).exp();
+    (lambda, lambda / (3.0 * now))
+}
+
+/// Passive fibre law σ_p = s (e^{b E} − 1), E = (λ_p² − 1)/2, λ_p from the unloaded volume.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct OneFibrePassive {
+    /// Stiffness s.
+    pub stiffness: Kpa,
+    /// Exponent b.
+    pub exponent: f64,
+    /// Unloaded volume V0.
+    pub unloaded_volume: Ml,
+    /// Volume at end-diastole: where the active stretch is one and the beat begins.
+    pub end_diastolic_volume: Ml,
+    /// Wall volume.
+    pub wall_volume: Ml,
+    /// Whether the exponent was fitted to a diastasis point; otherwise it is the default.
+    pub exponent_fitted: bool,
+}
+
+/// Pressure and volume of the whole-heart image.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct DiastasisPoint {
+    /// Volume of the image.
+    pub volume: Ml,
+    /// Measured pressure at the time of the image.
+    pub pressure: Mmhg,
+}
+
+/// Which state the beat starts from (`start` in a patient file).
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum PassiveStateMode {
+    /// From the measured end-diastolic volume at end-diastolic pressure.
+    #[default]
+    EndDiastole,
+    /// The paper's way: the image volume is taken to be that at end-diastolic pressure.
+    Diastasis,
+}
+
+/// What the passive state is fitted to.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PassiveStateInput {
+    /// Measured end-diastolic volume.
+    pub end_diastolic_volume: Ml,
+    /// Measured end-diastolic pressure.
+    pub end_diastolic_pressure: Mmhg,
+    /// Diastasis point, where known.
+    pub diastasis: Option<DiastasisPoint>,
+    /// Wall volume.
+    pub wall_volume: Ml,
+    /// Start of the beat.
+    pub mode: PassiveStateMode,
+}
+
+/// Unloaded volume after Klotz 2006: V0 = EDV (0.6 − 0.006 EDP), EDP in mmHg.
+#[must_use]
+pub fn klotz_unloaded_volume(end_diastolic_volume: Ml, end_diastolic_pressure: Mmhg) -> Ml {
+    Ml(end_diastolic_volume.0 * (0.6 - 0.006 * end_diastolic_pressure.0))
+}
+
+impl OneFibrePassive {
+    /// Fits the law through (V0, 0) and the loaded state, and through the diastasis point where that is possible (a volume
+    /// between V0 and EDV at a pressure the law can have there); otherwise with the default exponent, which
+    /// `exponent_fitted` tells.
+    ///
+    /// # Errors
+    /// [`VentricleError::Parameter`] for a volume or pressure that is not positive, a diastasis start without a diastasis
+    /// volume, [`VentricleError::PassiveState`] when V0 is not between zero and the loaded volume.
+    pub fn fit(input: &PassiveStateInput) -> Result<Self, VentricleError> {
+        let (volume, diastasis) = match (input.mode, input.diastasis) {
+            (PassiveStateMode::EndDiastole, point) => (input.end_diastolic_volume, point),
+            (PassiveStateMode::Diastasis, Some(point)) => (point.volume, None),
+            (PassiveStateMode::Diastasis, None) => {
+                let expected = "given when the beat starts from diastasis";
+                return Err(VentricleError::Parameter { name: "diastasis volume", value: f64::NAN, expected });
+            }
+        };
+        let pressure = input.end_diastolic_pressure;
+        for (name, value) in [
+            ("end-diastolic volume", volume.0),
+            ("end-diastolic pressure", pressure.0),
+            ("wall volume", input.wall_volume.0),
+        ] {
+            if !(value > 0.0 && value.is_finite()) {
+                return Err(VentricleError::Parameter { name, value, expected: "positive" });
+            }
+        }
+        let unloaded = klotz_unloaded_volume(volume, pressure);
+        if !(unloaded.0 > 0.0 && unloaded.0 < volume.0) {
+            let (v0_ml, volume_ml, pressure_mmhg) = (unloaded.0, volume.0, pressure.0);
+            return Err(VentricleError::PassiveState { v0_ml, volume_ml, pressure_mmhg });
+        }
+        let mut law = Self {
+            stiffness: Kpa(0.0),
+            exponent: DEFAULT_EXPONENT,
+            unloaded_volume: unloaded,
+            end_diastolic_volume: volume,
+            wall_volume: input.wall_volume,
+            exponent_fitted: false,
+        };
+        if let Some(exponent) = diastasis.and_then(|point| law.exponent_through(pressure, point)) {
+            law.exponent = exponent;
+            law.exponent_fitted = true;
+        }
+        law.stiffness = law.stiffness_for(law.exponent, pressure);
+        Ok(law)
+    }
+
+    /// Strain E at a volume.
+    fn strain(&self, volume_ml: f64) -> f64 {
+        let lambda = stretch(volume_ml, self.unloaded_volume.0, self.wall_volume.0).0;
+        0.5 * (lambda * lambda - 1.0)
+    }
+
+    /// Stiffness with which the law passes through the loaded state.
+    fn stiffness_for(&self, exponent: f64, pressure: Mmhg) -> Kpa {
+        let volume = self.end_diastolic_volume.0;
+        let stress = Kpa::from(pressure).0 / pressure_per_stress(volume, self.wall_volume.0).0;
+        Kpa(stress / (exponent * self.strain(volume)).exp_m1())
+    }
+
+    /// Exponent with which the law passes through the diastasis point too, if one in the range does.
+    fn exponent_through(&self, loaded: Mmhg, point: DiastasisPoint) -> Option<f64> {
+        let inside = point.volume.0 > self.unloaded_volume.0 && point.volume.0 < self.end_diastolic_volume.0;
+        if !(inside && point.pressure.0 > 0.0 && point.pressure.0 < loaded.0) {
+            return None;
+        }
+        // A larger exponent lowers the pressure at the smaller volume.
+        let strain = self.strain(point.volume.0);
+        let loaded_strain = self.strain(self.end_diastolic_volume.0);
+        let wall = self.wall_volume.0;
+        let wanted = Kpa::from(point.pressure).0 / pressure_per_stress(point.volume.0, wall).0;
+        let stress = Kpa::from(loaded).0 / pressure_per_stress(self.end_diastolic_volume.0, wall).0;
+        let (low, high) = EXPONENT_RANGE;
+        increasing_root(low, high, DEFAULT_EXPONENT, 1e-10, |b| {
+            let (e, el) = ((b * strain).exp_m1(), (b * loaded_strain).exp_m1());
+            let ratio = e / el;
+            let slope = ratio * (strain * (e + 1.0) / e - loaded_strain * (el + 1.0) / el);
+            (wanted - stress * ratio, -stress * slope)
+        })
+        .ok()
+    }
+
+    /// Passive fibre stress \[kPa\] at a volume and its slope with the volume.
+    #[inline]
+    pub(crate) fn stress_at(&self, volume_ml: f64) -> (f64, f64) {
+        let (lambda, dlambda) = stretch(volume_ml, self.unloaded_volume.0, self.wall_volume.0);
+        self.stress_at_stretch(lambda, dlambda)
+    }
+
+    /// Ratio of the stretch from the unloaded volume to that from end-diastole.
+    pub(crate) fn stretch_ratio(&self) -> f64 {
+        stretch(self.end_diastolic_volume.0, self.unloaded_volume.0, self.wall_volume.0).0
+    }
+
+    /// As [`Self::stress_at`], from the stretch λ_p and its slope with the volume.
+    #[inline]
+    pub(crate) fn stress_at_stretch(&self, lambda: f64, dlambda: f64) -> (f64, f64) {
+        // Limited like every exponent here: a wild candidate gives a large stress, not an infinite one.
+        let exponential = (self.exponent * 0.5 * (lambda * lambda - 1.0)).min(200.0).exp();
+        (self.stiffness.0 * (exponential - 1.0), self.stiffness.0 * self.exponent * exponential * lambda * dlambda)
+    }
+
+    /// Passive pressure at a volume.
+    #[must_use]
+    pub fn pressure(&self, volume: Ml) -> Mmhg {
+        Kpa(self.stress_at(volume.0).0 * pressure_per_stress(volume.0, self.wall_volume.0).0).into()
+    }
+
+    /// Stretch that the active stress sees at a volume: one at end-diastole.
+    #[must_use]
+    pub fn active_stretch(&self, volume: Ml) -> Stretch {
+        Stretch(stretch(volume.0, self.end_diastolic_volume.0, self.wall_volume.0).0)
+    }
+}
+
+/// Pressure of a sampled trace at a time, by linear interpolation, held at the ends: the pressure at diastasis.
+///
+/// - `time_ms`, `pressure_mmhg`: samples, equally long, increasing in time; `None` when empty or unequal
+#[must_use]
+pub fn pressure_at(time_ms: &[f64], pressure_mmhg: &[f64], time: Ms) -> Option<Mmhg> {
+    if time_ms.is_empty() || time_ms.len() != pressure_mmhg.len() {
+        return None;
+    }
+    let next = time_ms.partition_point(|t| *t <= time.0);
+    if next == 0 {
+        return Some(Mmhg(pressure_mmhg[0]));
+    }
+    if next == time_ms.len() {
+        return Some(Mmhg(pressure_mmhg[next - 1]));
+    }
+    let share = (time.0 - time_ms[next - 1]) / (time_ms[next] - time_ms[next - 1]);
+    Some(Mmhg(pressure_mmhg[next - 1] + share * (pressure_mmhg[next] - pressure_mmhg[next - 1])))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn input(diastasis: Option<DiastasisPoint>) -> PassiveStateInput {
+        PassiveStateInput {
+            end_diastolic_volume: Ml(161.0),
+            end_diastolic_pressure: Mmhg(7.0),
+            diastasis,
+            wall_volume: Ml(121.0),
+            mode: PassiveStateMode::EndDiastole,
+        }
+    }
+
+    #[test]
+    fn passes_through_its_points() {
+        let point = DiastasisPoint { volume: Ml(138.0), pressure: Mmhg(4.2) };
+        for diastasis in [None, Some(point)] {
+            let law = OneFibrePassive::fit(&input(diastasis)).unwrap();
+            assert!(law.pressure(law.unloaded_volume).0.abs() < 1e-12);
+            assert!((law.pressure(Ml(161.0)).0 - 7.0).abs() < 1e-10);
+            assert_eq!(law.exponent_fitted, diastasis.is_some());
+            assert!((law.active_stretch(Ml(161.0)).0 - 1.0).abs() < 1e-15);
+            if diastasis.is_some() {
+                assert!((law.pressure(Ml(138.0)).0 - 4.2).abs() < 1e-8);
+            }
+        }
+    }
+
+    #[test]
+    fn an_impossible_diastasis_point_leaves_the_default_exponent() {
+        for (volume, pressure) in [(170.0, 5.0), (138.0, 8.0), (138.0, -1.0), (50.0, 3.0)] {
+            let point = DiastasisPoint { volume: Ml(volume), pressure: Mmhg(pressure) };
+            let law = OneFibrePassive::fit(&input(Some(point))).unwrap();
+            assert!(!law.exponent_fitted && law.exponent == DEFAULT_EXPONENT);
+        }
+    }
+
+    #[test]
+    fn diastasis_start_takes_the_image_volume_as_loaded() {
+        let point = DiastasisPoint { volume: Ml(138.0), pressure: Mmhg(4.2) };
+        let law = OneFibrePassive::fit(&PassiveStateInput { mode: PassiveStateMode::Diastasis, ..input(Some(point)) })
+            .unwrap();
+        assert_eq!(law.end_diastolic_volume, Ml(138.0));
+        assert!((law.pressure(Ml(138.0)).0 - 7.0).abs() < 1e-10);
+        assert!(OneFibrePassive::fit(&PassiveStateInput { mode: PassiveStateMode::Diastasis, ..input(None) }).is_err());
+    }
+
+    #[test]
+    fn refuses_nonsense() {
+        let bad = PassiveStateInput { end_diastolic_pressure: Mmhg(-2.0), ..input(None) };
+        assert!(matches!(OneFibrePassive::fit(&bad), Err(VentricleError::Parameter { .. })));
+        let bad = PassiveStateInput { end_diastolic_pressure: Mmhg(120.0), ..input(None) };
+        assert!(matches!(OneFibrePassive::fit(&bad), Err(VentricleError::PassiveState { .. })));
+    }
+
+    #[test]
+    fn pressure_at_interpolates_and_holds() {
+        let (t, p) = ([0.0, 10.0, 20.0], [5.0, 7.0, 6.0]);
+        let at = |time| pressure_at(&t, &p, Ms(time)).unwrap().0;
+        assert_eq!((at(-1.0), at(5.0), at(10.0), at(99.0)), (5.0, 6.0, 7.0, 6.0));
+        assert_eq!(pressure_at(&[], &[], Ms(1.0)), None);
+    }
+
+    proptest! {
+        #[test]
+        fn slopes_are_slopes(volume in 30.0..250.0f64, wall in 50.0..200.0f64) {
+            let law = OneFibrePassive::fit(&PassiveStateInput { wall_volume: Ml(wall), ..input(None) }).unwrap();
+            let h = 1e-4;
+            let check = |f: &dyn Fn(f64) -> (f64, f64)| {
+                let slope = (f(volume + h).0 - f(volume - h).0) / (2.0 * h);
+                assert!((slope - f(volume).1).abs() < 1e-6 * (1e-3 + slope.abs()));
+            };
+            check(&|v| law.stress_at(v));
+            check(&|v| pressure_per_stress(v, wall));
+            check(&|v| stretch(v, 150.0, wall));
+        }
+    }
+}

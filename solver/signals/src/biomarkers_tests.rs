@@ -1,0 +1,204 @@
+use super::*;
+use proptest::prelude::*;
+
+const CYCLE_MS: f64 = 800.0;
+
+/// A volume beat of known time constants: plateau, exponential ejection, plateau, exponential filling, kick.
+fn volume(t: f64, tau_vd: f64, tau_vr: f64) -> f64 {
+    let ejection_end = 0.02f64; // ejection stops where 2 % of the exponential are left
+    let t_ej = 50.0;
+    let t_es = t_ej - tau_vd * ejection_end.ln();
+    let fall = |t: f64| 50.0 + 70.0 * ((-(t - t_ej) / tau_vd).exp() - ejection_end) / (1.0 - ejection_end);
+    if t < t_ej {
+        120.0
+    } else if t < t_es {
+        fall(t)
+    } else if t < t_es + 60.0 {
+        50.0
+    } else {
+        let filled = 50.0 + 58.0 * (1.0 - (-(t - t_es - 60.0) / tau_vr).exp());
+        if t < 700.0 { filled } else { filled + (120.0 - filled) * (t - 700.0) / 100.0 }
+    }
+}
+
+/// A pressure beat: a smooth pulse between 60 and 360 ms over a diastolic pressure of 8 mmHg.
+fn pressure(t: f64) -> f64 {
+    8.0 + if (60.0..360.0).contains(&t) {
+        110.0 * (std::f64::consts::PI * (t - 60.0) / 300.0).sin().powi(2)
+    } else {
+        0.0
+    }
+}
+
+fn sampled(quantity: Quantity, step: f64, f: impl Fn(f64) -> f64) -> Trace {
+    let n = (CYCLE_MS / step).round() as usize;
+    Trace::uniform(quantity, step, (0..n).map(|i| f(i as f64 * step)).collect()).unwrap()
+}
+
+fn periodic() -> Continuation {
+    Continuation::periodic(Ms(CYCLE_MS))
+}
+
+#[test]
+fn pressure_biomarkers_of_a_pulse() {
+    let b = BiomarkerSet::of(Some(&sampled(Quantity::Pressure, 1.0, pressure)), None, periodic()).unwrap();
+    assert_eq!(b.p_max, Some(Mmhg(118.0)));
+    let slope = 110.0 * std::f64::consts::PI / 300.0;
+    assert!((b.dpdt_max_mmhg_per_ms.unwrap() - slope).abs() < 1e-3 * slope);
+    assert!((b.dpdt_min_mmhg_per_ms.unwrap() + slope).abs() < 1e-3 * slope);
+    // sin² = 0.1 at both ends.
+    let ptd90 = 300.0 * (1.0 - 2.0 * 0.1f64.sqrt().asin() / std::f64::consts::PI);
+    assert!((b.ptd90.unwrap().0 - ptd90).abs() < 0.02, "{:?} {ptd90}", b.ptd90);
+    assert_eq!((b.edp, b.time_points.t2), (Some(Mmhg(8.0)), Some(Ms(210.0))));
+    assert_eq!((b.sv, b.flags.len()), (None, 0));
+}
+
+#[test]
+fn an_atrial_kick_above_the_level_begins_before_time_zero() {
+    // The 10 % level of a pulse from 2 to 127 mmHg is 14.5: the end-diastolic 17 mmHg lie above it.
+    let p = |t: f64| if !(210.0..=720.0).contains(&t) { pressure(t) + 9.0 } else { pressure(t) };
+    let trace = sampled(Quantity::Pressure, 1.0, |t| if t > 400.0 && t < 700.0 { 2.0 } else { p(t) });
+    let wrapped = BiomarkerSet::of(Some(&trace), None, periodic()).unwrap();
+    assert!(wrapped.time_points.t1.unwrap().0 < 0.0);
+    assert_eq!(wrapped.flags, [Flag::PressureRiseBeforeBeat]);
+    let single = BiomarkerSet::of(Some(&trace), None, Continuation::Single).unwrap();
+    assert_eq!(single.time_points.t1, Some(Ms(0.0)));
+    assert_eq!(single.flags, [Flag::PressureRiseNotReached]);
+}
+
+#[test]
+fn pressure_that_does_not_fall_ends_with_the_beat() {
+    let cut: Vec<f64> = (0..=300).map(|t| pressure(f64::from(t))).collect();
+    let b = BiomarkerSet::of(Some(&Trace::uniform(Quantity::Pressure, 1.0, cut).unwrap()), None, Continuation::Single)
+        .unwrap();
+    assert_eq!((b.time_points.t3, b.flags.clone()), (Some(Ms(300.0)), vec![Flag::PressureFallNotReached]));
+}
+
+#[test]
+fn a_flat_or_rising_pressure_is_flagged() {
+    for f in [|_: f64| 8.0, |t: f64| t] {
+        let b = BiomarkerSet::of(Some(&sampled(Quantity::Pressure, 1.0, f)), None, Continuation::Single).unwrap();
+        assert!(b.has(Flag::NoPressurePulse), "{b:?}");
+    }
+}
+
+#[test]
+fn volume_biomarkers_of_known_exponentials() {
+    let f = |t: f64| volume(t, 70.0, 45.0);
+    for continuation in [periodic(), Continuation::Single] {
+        let b = BiomarkerSet::of(None, Some(&sampled(Quantity::Volume, 1.0, f)), continuation).unwrap();
+        assert!((b.sv.unwrap().0 - 70.0).abs() < 0.1);
+        assert_eq!(b.edv, Some(Ml(120.0)));
+        // Offset by the 2 % that are left: −d ln(x + 0.02)/dt is smaller than that of x, so the fitted constant is.
+        assert!((b.tau_vd.unwrap().0 / 70.0 - 0.931).abs() < 0.005, "{:?}", b.tau_vd);
+        assert!((b.time_points.t4.unwrap().0 - 50.0).abs() <= 1.0);
+        // Filling asymptotes to 58 mL, 80 % of SV are 56: nearly the whole exponential.
+        assert!((b.tau_vr.unwrap().0 / 45.0 - 1.0).abs() < 0.15, "{:?}", b.tau_vr);
+        assert!(b.flags.is_empty(), "{:?}", b.flags);
+    }
+}
+
+#[test]
+fn an_exponential_to_the_window_is_recovered_exactly() {
+    // V − min V = SV e^{−t/τ} down to the last sample, where it jumps to the minimum: the regression is exact.
+    let tau = 60.0;
+    let v = |t: f64| if t < 200.0 { 50.0 + 70.0 * (-t / tau).exp() } else { 50.0 };
+    let b = BiomarkerSet::of(None, Some(&sampled(Quantity::Volume, 1.0, v)), Continuation::Single).unwrap();
+    assert!((b.tau_vd.unwrap().0 - tau).abs() < 1e-9);
+    assert_eq!(b.time_points.t5, Some(Ms(200.0)));
+    assert!(b.has(Flag::FillingTooShort));
+}
+
+#[test]
+fn filling_that_does_not_recover_ends_with_the_beat() {
+    let values: Vec<f64> = (0..=330).map(|t| volume(f64::from(t) + 60.0, 70.0, 200.0)).collect();
+    let trace = Trace::uniform(Quantity::Volume, 1.0, values).unwrap();
+    let b = BiomarkerSet::of(None, Some(&trace), Continuation::Single).unwrap();
+    assert!(b.has(Flag::FillingNotRecovered), "{b:?}");
+    assert_eq!(b.time_points.t7, Some(Ms(330.0)));
+    let gap = b.clone().with_gap_to(Ml(120.0)).end_of_beat_gap.unwrap();
+    assert_eq!(gap, Ml(120.0) - b.v_end.unwrap());
+}
+
+#[test]
+fn a_beat_that_ends_fuller_than_it_began_still_has_its_ejection() {
+    let tau = 60.0;
+    let v = |t: f64| if t < 200.0 { 60.0 + 40.0 * (-t / tau).exp() } else { 60.0 + (t - 200.0) * 0.1 };
+    let b = BiomarkerSet::of(None, Some(&sampled(Quantity::Volume, 1.0, v)), Continuation::Single).unwrap();
+    assert!(b.edv.unwrap().0 < b.esv.unwrap().0 + 0.9 * b.sv.unwrap().0);
+    assert!((b.tau_vd.unwrap().0 - tau).abs() < 1e-9, "{b:?}");
+}
+
+#[test]
+fn a_ventricle_that_never_ejects_is_flagged() {
+    let b = BiomarkerSet::of(None, Some(&sampled(Quantity::Volume, 1.0, |_| 100.0)), Continuation::Single).unwrap();
+    assert_eq!((b.sv, b.flags), (Some(Ml(0.0)), vec![Flag::NoEjection]));
+}
+
+#[test]
+fn swapped_traces_are_refused() {
+    let v = sampled(Quantity::Volume, 1.0, |t| volume(t, 70.0, 45.0));
+    assert!(matches!(BiomarkerSet::of(Some(&v), None, periodic()), Err(BiomarkerError::Quantity { .. })));
+}
+
+#[test]
+fn names_carry_their_units() {
+    let p = sampled(Quantity::Pressure, 1.0, pressure);
+    let v = sampled(Quantity::Volume, 1.0, |t| volume(t, 70.0, 45.0));
+    let b = BiomarkerSet::of(Some(&p), Some(&v), periodic()).unwrap().with_gap_to(Ml(120.0));
+    let json = serde_json::to_value(&b).unwrap();
+    for key in [
+        "P_max_mmHg",
+        "dPdt_max_mmHg_per_ms",
+        "dPdt_min_mmHg_per_ms",
+        "PTD90_ms",
+        "EDP_mmHg",
+        "SV_mL",
+        "tau_VD_ms",
+        "tau_VR_ms",
+        "EDV_mL",
+        "ESV_mL",
+        "end_of_beat_gap_mL",
+    ] {
+        assert!(json[key].is_f64(), "{key} missing in {json}");
+    }
+    assert!(json["time_points"]["t7_ms"].is_f64());
+    assert_eq!(serde_json::from_value::<BiomarkerSet>(json).unwrap(), b);
+}
+
+proptest! {
+    #[test]
+    fn finer_sampling_changes_biomarkers_little(tau_vd in 50.0..90.0f64, tau_vr in 30.0..60.0f64, step in 0.1..0.9f64) {
+        let step = CYCLE_MS / (CYCLE_MS / step).round();
+        let at = |s: f64| BiomarkerSet::of_samples(
+            Some(&sampled(Quantity::Pressure, s, pressure)),
+            Some(&sampled(Quantity::Volume, s, |t| volume(t, tau_vd, tau_vr))), periodic()).unwrap();
+        let (coarse, fine) = (at(1.0), at(step));
+        let close = |a: f64, b: f64, relative: f64| (a - b).abs() <= relative * b.abs();
+        prop_assert!(close(coarse.p_max.unwrap().0, fine.p_max.unwrap().0, 1e-4));
+        prop_assert!(close(coarse.dpdt_max_mmhg_per_ms.unwrap(), fine.dpdt_max_mmhg_per_ms.unwrap(), 1e-3));
+        prop_assert!(close(coarse.ptd90.unwrap().0, fine.ptd90.unwrap().0, 1e-3));
+        prop_assert!(close(coarse.sv.unwrap().0, fine.sv.unwrap().0, 1e-3));
+        prop_assert!(close(coarse.tau_vd.unwrap().0, fine.tau_vd.unwrap().0, 0.01));
+        prop_assert!(close(coarse.tau_vr.unwrap().0, fine.tau_vr.unwrap().0, 0.02));
+    }
+
+    #[test]
+    fn shifting_time_of_a_periodic_trace_moves_only_time(shift in 0usize..40) {
+        let p = sampled(Quantity::Pressure, 1.0, pressure);
+        let v = sampled(Quantity::Volume, 1.0, |t| volume(t, 70.0, 45.0));
+        let rotate = |t: &Trace| {
+            let mut values = t.values().to_vec();
+            values.rotate_left(shift);
+            Trace::uniform(t.quantity(), 1.0, values).unwrap()
+        };
+        let a = BiomarkerSet::of(Some(&p), Some(&v), periodic()).unwrap();
+        let b = BiomarkerSet::of(Some(&rotate(&p)), Some(&rotate(&v)), periodic()).unwrap();
+        prop_assert!((a.ptd90.unwrap().0 - b.ptd90.unwrap().0).abs() < 1e-9);
+        prop_assert!((a.tau_vd.unwrap().0 - b.tau_vd.unwrap().0).abs() < 1e-9);
+        prop_assert!((a.tau_vr.unwrap().0 - b.tau_vr.unwrap().0).abs() < 1e-9);
+        prop_assert_eq!(a.dpdt_max_mmhg_per_ms, b.dpdt_max_mmhg_per_ms);
+        let (ta, tb) = (a.time_points.t1.unwrap().0, b.time_points.t1.unwrap().0);
+        prop_assert!((ta - tb - shift as f64).abs() < 1e-9);
+    }
+}

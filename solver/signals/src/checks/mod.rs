@@ -1,0 +1,75 @@
+//! Checks of measured data: what a trace says against what the patient's file says, and against what a left ventricle
+//! can do at all. Thresholds are ours and wide: they find a wrong unit, file or cycle, not an unusual heart.
+//!
+//! What a single file shows by itself (header, cells, order of times, gaps) is found by [`crate::read`].
+
+mod coverage;
+mod pressure_volume;
+mod range;
+#[cfg(test)]
+mod tests;
+
+use crate::{Problem, Trace};
+use cardiotwin_units::{Ml, Mmhg, Ms};
+use std::path::Path;
+
+/// A trace and the file that it came from.
+#[derive(Debug, Clone, Copy)]
+pub struct Source<'a> {
+    /// File named in problems.
+    pub file: &'a Path,
+    /// What was read from it.
+    pub trace: &'a Trace,
+}
+
+/// A measured volume and its standard deviation.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct MeasuredVolume {
+    /// Value.
+    pub volume: Ml,
+    /// Standard deviation; zero where none is stated.
+    pub sd: Ml,
+}
+
+/// What is known of one patient: the traces and the numbers that must agree with them.
+#[derive(Debug, Clone, Copy)]
+pub struct Measured<'a> {
+    /// The patient's file, named in problems of its keys.
+    pub patient_file: &'a Path,
+    /// Key `cycle_length_ms`.
+    pub cycle_length: Ms,
+    /// The pressure trace, mmHg.
+    pub pressure: Option<Source<'a>>,
+    /// The volume trace, mL.
+    pub volume: Option<Source<'a>>,
+    /// Key `measured.end_diastolic_pressure_mmHg`.
+    pub end_diastolic_pressure: Option<Mmhg>,
+    /// Key `preload.left_atrial_pressure_mmHg`.
+    pub left_atrial_pressure: Option<Mmhg>,
+    /// Key `measured.forward_stroke_volume`.
+    pub forward_stroke_volume: Option<MeasuredVolume>,
+}
+
+/// All problems of a patient's measured data, errors first.
+///
+/// A trace whose unit or file is wrong is not compared any further: what else it would show follows from that.
+#[must_use]
+pub fn check(measured: &Measured) -> Vec<Problem> {
+    let mut problems = Vec::new();
+    let times_sound = coverage::check(measured, &mut problems);
+    let values_sound = range::check(measured, &mut problems);
+    if times_sound && values_sound {
+        pressure_volume::check(measured, &mut problems);
+    }
+    if values_sound {
+        pressure_volume::check_numbers(measured, &mut problems);
+    }
+    problems.sort_by_key(|p| p.severity);
+    problems
+}
+
+/// Largest and smallest value.
+fn extremes(trace: &Trace) -> (f64, f64) {
+    let values = trace.values().iter().copied();
+    (values.clone().fold(f64::NEG_INFINITY, f64::max), values.fold(f64::INFINITY, f64::min))
+}

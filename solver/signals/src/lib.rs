@@ -1,0 +1,24 @@
+//! Traces of a heartbeat: reading them, resampling them alike, their biomarkers, and checks of measured data.
+//!
+//! Everything here is pure apart from reading a file: the same trace gives the same biomarkers, whether it was
+//! measured or simulated. The only difference between the two is stated by [`Continuation`]: a measured trace goes on
+//! periodically, a single simulated beat ends where it ends.
+
+#![deny(missing_docs)]
+
+pub mod active_stress;
+pub mod biomarkers;
+pub mod checks;
+mod cycle;
+pub mod problem;
+pub mod read;
+pub mod resample;
+pub mod trace;
+
+pub use active_stress::{ActiveStressBiomarkers, CalciumDurations};
+pub use biomarkers::{BiomarkerError, BiomarkerSet, Flag, TimePoints};
+pub use cycle::Continuation;
+pub use problem::{Problem, Severity};
+pub use read::{Reading, parse_trace, read_trace};
+pub use resample::resample;
+pub use trace::{Quantity, Trace, TraceError};

@@ -1,0 +1,123 @@
+//! One thing that is wrong, or looks wrong, in what a user gave: where, what was found, what was expected, what to do.
+
+use serde::{Deserialize, Serialize};
+use std::path::{Path, PathBuf};
+
+/// Whether work may go on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Severity {
+    /// Nothing runs before it is mended.
+    Error,
+    /// Worth a look; work goes on.
+    Warning,
+}
+
+/// A problem of a file, ready to be printed or stored.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Problem {
+    /// Whether work may go on.
+    pub severity: Severity,
+    /// The file that must be looked at.
+    pub file: PathBuf,
+    /// Its line, from 1, where the problem has one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub line: Option<usize>,
+    /// Column of a CSV file or key of a TOML file.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub key: Option<String>,
+    /// What was found.
+    pub found: String,
+    /// What was expected.
+    pub expected: String,
+    /// What to do.
+    pub remedy: String,
+}
+
+impl Problem {
+    /// A problem that stops work, of a file as a whole.
+    #[must_use]
+    pub fn error(
+        file: &Path,
+        found: impl Into<String>,
+        expected: impl Into<String>,
+        remedy: impl Into<String>,
+    ) -> Self {
+        Self {
+            severity: Severity::Error,
+            file: file.to_owned(),
+            line: None,
+            key: None,
+            found: found.into(),
+            expected: expected.into(),
+            remedy: remedy.into(),
+        }
+    }
+
+    /// A problem that does not stop work, of a file as a whole.
+    #[must_use]
+    pub fn warning(
+        file: &Path,
+        found: impl Into<String>,
+        expected: impl Into<String>,
+        remedy: impl Into<String>,
+    ) -> Self {
+        Self { severity: Severity::Warning, ..Self::error(file, found, expected, remedy) }
+    }
+
+    /// The same problem at a line, from 1.
+    #[must_use]
+    pub fn at_line(mut self, line: usize) -> Self {
+        self.line = Some(line);
+        self
+    }
+
+    /// The same problem at a column or key.
+    #[must_use]
+    pub fn at_key(mut self, key: impl Into<String>) -> Self {
+        self.key = Some(key.into());
+        self
+    }
+
+    /// Whether it stops work.
+    #[must_use]
+    pub fn is_error(&self) -> bool {
+        self.severity == Severity::Error
+    }
+}
+
+impl std::fmt::Display for Problem {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let severity = match self.severity {
+            Severity::Error => "error",
+            Severity::Warning => "warning",
+        };
+        write!(f, "{severity}: {}", self.file.display())?;
+        if let Some(line) = self.line {
+            write!(f, ":{line}")?;
+        }
+        if let Some(key) = &self.key {
+            write!(f, ": {key}")?;
+        }
+        write!(f, ": found {}; expected {}; {}", self.found, self.expected, self.remedy)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn prints_where_what_and_what_to_do() {
+        let p = Problem::error(Path::new("a/pressure.csv"), "`NaN`", "a finite number in mmHg", "remove the line")
+            .at_line(17)
+            .at_key("pressure_mmHg");
+        assert_eq!(
+            p.to_string(),
+            "error: a/pressure.csv:17: pressure_mmHg: found `NaN`; expected a finite number in mmHg; remove the line"
+        );
+        let json = serde_json::to_string(&p).unwrap();
+        assert!(json.contains(r#""severity":"error""#) && json.contains(r#""line":17"#), "{json}");
+        assert_eq!(serde_json::from_str::<Problem>(&json).unwrap(), p);
+    }
+}

@@ -1,0 +1,398 @@
+//! Reading `pressure.csv` (`time_ms,pressure_mmHg`) and `volume.csv` (`time_ms,volume_mL`).
+//!
+//! A number without a unit is refused, never guessed. All problems of a file are returned at once; a kind of problem
+//! that strikes many lines is told for the first few and then counted.
+
+use crate::{Problem, Quantity, Trace};
+use std::path::Path;
+
+/// Lines of one kind of problem that are told one by one; the rest is counted in a last one.
+const MAX_TOLD: usize = 5;
+/// An interval that is so many times the usual one is a gap.
+const GAP_FACTOR: f64 = 1.75;
+/// A gap of so many usual intervals, or of [`SEVERE_GAP_MS`], is an error: nothing honest can be put in its place.
+const SEVERE_GAP_FACTOR: f64 = 4.0;
+const SEVERE_GAP_MS: f64 = 20.0;
+
+/// What a file gave: a trace unless an error stands in its way, and every problem found.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Reading {
+    /// The trace, if all its samples could be read and lie in order.
+    pub trace: Option<Trace>,
+    /// All problems, in the order of their lines.
+    pub problems: Vec<Problem>,
+}
+
+/// Reads a trace file; a file that cannot be opened is a problem among others.
+#[must_use]
+pub fn read_trace(file: &Path, quantity: Quantity) -> Reading {
+    match std::fs::read(file) {
+        Ok(bytes) => parse_trace(&bytes, file, quantity),
+        Err(cause) => Reading {
+            trace: None,
+            problems: vec![Problem::error(
+                file,
+                format!("no readable file ({cause})"),
+                format!("a CSV file with the columns {}", header(quantity)),
+                "check the name in patient.toml and the file's permissions",
+            )],
+        },
+    }
+}
+
+/// Reads a trace from a file's contents; `file` names it in problems.
+#[must_use]
+pub fn parse_trace(bytes: &[u8], file: &Path, quantity: Quantity) -> Reading {
+    let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
+    let mut parser = Parser { file, quantity, problems: Vec::new() };
+    let samples = parser.samples(bytes);
+    let trace = samples.and_then(|s| parser.trace(&s));
+    let mut problems = parser.problems;
+    problems.sort_by_key(|p| p.line);
+    Reading { trace, problems }
+}
+
+fn header(quantity: Quantity) -> String {
+    format!("`time_ms,{}`", quantity.column())
+}
+
+/// A sample and the line that it stands in.
+struct Sample {
+    line: usize,
+    time_ms: f64,
+    value: f64,
+}
+
+struct Parser<'a> {
+    file: &'a Path,
+    quantity: Quantity,
+    problems: Vec<Problem>,
+}
+
+impl Parser<'_> {
+    fn error(&mut self, found: String, expected: String, remedy: &str) {
+        self.problems.push(Problem::error(self.file, found, expected, remedy));
+    }
+
+    /// All samples; none if the header or any line is wrong.
+    fn samples(&mut self, bytes: &[u8]) -> Option<Vec<Sample>> {
+        let mut reader = csv::ReaderBuilder::new()
+            .has_headers(false)
+            .flexible(true)
+            .trim(csv::Trim::All)
+            .comment(Some(b'#'))
+            .from_reader(bytes);
+        let mut records = reader.records();
+        let first = match records.next() {
+            Some(Ok(record)) => record,
+            Some(Err(cause)) => {
+                self.error(
+                    format!("text that is not CSV ({cause})"),
+                    header(self.quantity),
+                    "save the file as UTF-8 text with commas",
+                );
+                return None;
+            }
+            None => {
+                self.error(
+                    "an empty file".into(),
+                    header(self.quantity),
+                    "export the trace again, or remove it from patient.toml",
+                );
+                return None;
+            }
+        };
+        let columns = self.columns(&first)?;
+        let mut told = Told::default();
+        let mut samples = Vec::new();
+        let mut sound = true;
+        for record in records {
+            match record {
+                Ok(record) => match self.sample(&record, &columns, &mut told) {
+                    Some(sample) => samples.push(sample),
+                    None => sound = false,
+                },
+                Err(cause) => {
+                    let line = cause.position().map_or(0, |p| p.line() as usize);
+                    let problem = Problem::error(
+                        self.file,
+                        format!("text that is not CSV ({cause})"),
+                        "numbers separated by commas",
+                        "save the file as UTF-8 text with commas",
+                    );
+                    told.push(Kind::Text, problem.at_line(line), &mut self.problems);
+                    sound = false;
+                }
+            }
+        }
+        told.finish(self.file, &mut self.problems);
+        if samples.len() < 2 && sound {
+            let found = format!("{} samples", samples.len());
+            self.error(found, "one beat's samples".into(), "export the trace again, or remove it from patient.toml");
+            return None;
+        }
+        sound.then_some(samples)
+    }
+
+    /// Positions of time and value in a line.
+    fn columns(&mut self, first: &csv::StringRecord) -> Option<Columns> {
+        let names: Vec<&str> = first.iter().collect();
+        let shown = names.join(",");
+        let expected = format!("the header {}", header(self.quantity));
+        let line = first.position().map_or(1, |p| p.line() as usize);
+        if names.iter().all(|n| n.parse::<f64>().is_ok()) {
+            self.header_error(line, None, format!("the numbers `{shown}` and no header"), expected, format!(
+                "put {} above the numbers if these are their units, and convert them if not: units are never guessed",
+                header(self.quantity)
+            ));
+            return None;
+        }
+        if names.len() == 1 && shown.contains([';', '\t', ' ']) {
+            let found = format!("`{shown}`");
+            let remedy = "separate columns by commas, and write decimals with a point".to_owned();
+            self.header_error(line, None, found, expected, remedy);
+            return None;
+        }
+        let time = self.column(line, &names, "time_ms", time_like);
+        let value = self.column(line, &names, self.quantity.column(), |n| !time_like(n));
+        let (time, value) = (time?, value?);
+        for (i, name) in names.iter().enumerate().filter(|(i, _)| *i != time && *i != value) {
+            let problem = Problem::warning(
+                self.file,
+                format!("column {} `{name}`", i + 1),
+                format!("only {}", header(self.quantity)),
+                "it is not read; remove it if that is meant",
+            );
+            self.problems.push(problem.at_line(line).at_key(*name));
+        }
+        Some(Columns { time, value, n: names.len() })
+    }
+
+    /// Position of one column; if it is missing, says what stands in its place.
+    fn column(&mut self, line: usize, names: &[&str], wanted: &str, alike: impl Fn(&str) -> bool) -> Option<usize> {
+        let positions: Vec<usize> = names.iter().enumerate().filter(|(_, n)| **n == wanted).map(|(i, _)| i).collect();
+        match positions[..] {
+            [position] => return Some(position),
+            [] => {}
+            _ => {
+                self.header_error(
+                    line,
+                    Some(wanted),
+                    format!("{} columns of this name", positions.len()),
+                    "one".into(),
+                    "remove or rename the others".into(),
+                );
+                return None;
+            }
+        }
+        let other = match self.quantity {
+            Quantity::Pressure => Quantity::Volume,
+            _ => Quantity::Pressure,
+        };
+        let stand_in = names.iter().find(|n| alike(n));
+        let found = stand_in.map_or_else(|| format!("`{}`", names.join(",")), |n| format!("column `{n}`"));
+        let remedy = match stand_in {
+            Some(n) if *n == other.column() && wanted != "time_ms" => {
+                format!("this is a {other} file: are the two files swapped in patient.toml?")
+            }
+            Some(n) => unit_remedy(n, wanted),
+            None => format!("add the column; the header must be {}", header(self.quantity)),
+        };
+        self.header_error(line, Some(wanted), found, format!("the column `{wanted}`"), remedy);
+        None
+    }
+
+    fn header_error(&mut self, line: usize, key: Option<&str>, found: String, expected: String, remedy: String) {
+        let mut problem = Problem::error(self.file, found, expected, remedy).at_line(line);
+        problem.key = key.map(str::to_owned);
+        self.problems.push(problem);
+    }
+
+    fn sample(&mut self, record: &csv::StringRecord, columns: &Columns, told: &mut Told) -> Option<Sample> {
+        let line = record.position().map_or(0, |p| p.line() as usize);
+        if record.len() != columns.n {
+            let shown: Vec<&str> = record.iter().collect();
+            let problem = Problem::error(
+                self.file,
+                format!("{} fields in `{}`", record.len(), shown.join(",")),
+                format!("{}", columns.n),
+                "fill in what is missing; write decimals with a point, not a comma",
+            );
+            told.push(Kind::Fields, problem.at_line(line), &mut self.problems);
+            return None;
+        }
+        let (value_column, unit) = (self.quantity.column(), self.quantity.unit());
+        let time_ms = self.number(line, &record[columns.time], "time_ms", "ms", told);
+        let value = self.number(line, &record[columns.value], value_column, unit, told);
+        Some(Sample { line, time_ms: time_ms?, value: value? })
+    }
+
+    fn number(&mut self, line: usize, cell: &str, column: &str, unit: &str, told: &mut Told) -> Option<f64> {
+        let parsed = cell.parse::<f64>();
+        if let Ok(number) = parsed
+            && number.is_finite()
+        {
+            return Some(number);
+        }
+        let (kind, found) = match parsed {
+            _ if cell.is_empty() => (Kind::Empty, "an empty cell".to_owned()),
+            Ok(_) => (Kind::NotFinite, format!("`{cell}`")),
+            Err(_) => (Kind::NotANumber, format!("`{cell}`")),
+        };
+        let problem = Problem::error(
+            self.file,
+            found,
+            format!("a finite number in {unit}"),
+            "remove the line or fill in what was measured; a few lost samples are bridged, a longer gap is reported",
+        );
+        told.push(kind, problem.at_line(line).at_key(column), &mut self.problems);
+        None
+    }
+
+    fn trace(&mut self, samples: &[Sample]) -> Option<Trace> {
+        let rising = |f: fn(&Sample) -> f64| samples.windows(2).all(|w| f(&w[1]) > f(&w[0]));
+        if !rising(|s| s.time_ms) {
+            if rising(|s| s.value) {
+                let problem = Problem::error(
+                    self.file,
+                    "values that increase throughout and times that do not",
+                    format!(
+                        "increasing times under `time_ms` and {}s under `{}`",
+                        self.quantity,
+                        self.quantity.column()
+                    ),
+                    "the two columns look swapped: exchange their names in the header",
+                );
+                self.problems.push(problem.at_line(samples[0].line));
+            } else {
+                self.order(samples);
+            }
+            return None;
+        }
+        self.gaps(samples);
+        let time_ms = samples.iter().map(|s| s.time_ms).collect();
+        Trace::new(self.quantity, time_ms, samples.iter().map(|s| s.value).collect()).ok()
+    }
+
+    fn order(&mut self, samples: &[Sample]) {
+        let mut told = Told::default();
+        for w in samples.windows(2).filter(|w| w[1].time_ms <= w[0].time_ms) {
+            let doubled = w[1].time_ms == w[0].time_ms;
+            let (kind, found, remedy) = if doubled {
+                (Kind::Doubled, format!("{} ms a second time", w[1].time_ms), "keep one sample for each time")
+            } else {
+                (
+                    Kind::Backwards,
+                    format!("{} ms after {} ms", w[1].time_ms, w[0].time_ms),
+                    "sort the samples, and keep one beat only",
+                )
+            };
+            let problem = Problem::error(self.file, found, "increasing times", remedy);
+            told.push(kind, problem.at_line(w[1].line).at_key("time_ms"), &mut self.problems);
+        }
+        told.finish(self.file, &mut self.problems);
+    }
+
+    fn gaps(&mut self, samples: &[Sample]) {
+        let step = median_step_ms(samples.iter().map(|s| s.time_ms));
+        let mut told = Told::default();
+        for w in samples.windows(2) {
+            let gap = w[1].time_ms - w[0].time_ms;
+            if gap <= GAP_FACTOR * step {
+                continue;
+            }
+            let found = format!("no sample between {} and {} ms", w[0].time_ms, w[1].time_ms);
+            let expected = format!("one every {step} ms");
+            let (kind, problem) = if gap > SEVERE_GAP_FACTOR * step && gap > SEVERE_GAP_MS {
+                let remedy = "fill in what was measured, or take another beat";
+                (Kind::SevereGap, Problem::error(self.file, found, expected, remedy))
+            } else {
+                (Kind::Gap, Problem::warning(self.file, found, expected, "the gap is bridged by interpolation"))
+            };
+            told.push(kind, problem.at_line(w[1].line).at_key("time_ms"), &mut self.problems);
+        }
+        told.finish(self.file, &mut self.problems);
+    }
+}
+
+struct Columns {
+    time: usize,
+    value: usize,
+    n: usize,
+}
+
+fn time_like(name: &str) -> bool {
+    let name = name.to_lowercase();
+    name.starts_with("time") || name == "t" || name.starts_with("t_") || name.starts_with("t (")
+}
+
+/// What to do about a column whose name lacks its unit or carries another one.
+fn unit_remedy(found: &str, wanted: &str) -> String {
+    let lower = found.to_lowercase();
+    let factor = match wanted {
+        "time_ms" if lower.ends_with("_s") || lower.contains("sec") => Some("1 s = 1000 ms"),
+        "pressure_mmHg" if lower.contains("kpa") => Some("1 kPa = 7.50062 mmHg"),
+        "pressure_mmHg" if lower.contains("pa") => Some("1 Pa = 0.00750062 mmHg"),
+        "volume_mL" if lower == "volume_l" || lower.contains("litre") || lower.contains("liter") => {
+            Some("1 L = 1000 mL")
+        }
+        "volume_mL" if lower.contains("mm3") || lower.contains("ul") => Some("1000 mm3 = 1 mL"),
+        _ => None,
+    };
+    match factor {
+        Some(factor) => format!("convert the numbers ({factor}) and rename the column to `{wanted}`"),
+        None => format!(
+            "rename it to `{wanted}` if its numbers have that unit, convert them if not: units are never guessed"
+        ),
+    }
+}
+
+/// Usual interval of increasing times: their median difference, ms.
+pub(crate) fn median_step_ms(time_ms: impl Iterator<Item = f64>) -> f64 {
+    let times: Vec<f64> = time_ms.collect();
+    let mut steps: Vec<f64> = times.windows(2).map(|w| w[1] - w[0]).collect();
+    steps.sort_by(f64::total_cmp);
+    steps.get(steps.len() / 2).copied().unwrap_or(f64::NAN)
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+enum Kind {
+    Text,
+    Fields,
+    Empty,
+    NotFinite,
+    NotANumber,
+    Doubled,
+    Backwards,
+    Gap,
+    SevereGap,
+}
+
+/// How often each kind was met, so that a broken file does not print a thousand lines.
+#[derive(Default)]
+struct Told(std::collections::BTreeMap<Kind, (usize, Option<Problem>)>);
+
+impl Told {
+    fn push(&mut self, kind: Kind, problem: Problem, problems: &mut Vec<Problem>) {
+        let (n, last) = self.0.entry(kind).or_default();
+        *n += 1;
+        if *n <= MAX_TOLD {
+            problems.push(problem);
+        } else {
+            *last = Some(problem);
+        }
+    }
+
+    fn finish(self, file: &Path, problems: &mut Vec<Problem>) {
+        for (n, last) in self.0.into_values() {
+            let Some(last) = last else { continue };
+            let found = format!("{} more lines like those before, the last one with {}", n - MAX_TOLD, last.found);
+            let summary = Problem { found, file: file.to_owned(), ..last };
+            problems.push(summary);
+        }
+    }
+}
+
+#[cfg(test)]
+#[path = "read_tests.rs"]
+mod tests;

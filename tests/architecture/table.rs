@@ -1,0 +1,147 @@
+//! The rules, as data, each with its reason. `docs/architecture.md` shows the same two tables: [`markdown`] makes them.
+
+/// Who may import whom.
+pub struct Rule {
+    /// A crate without its prefix `cardiotwin-`, or a room of the coordinator.
+    pub who: &'static str,
+    /// Whom it may import, of ours.
+    pub may: &'static [&'static str],
+    /// So that.
+    pub why: &'static str,
+}
+
+/// Crates of the workspace. A crate that is not here fails the test: give it a row and a reason first.
+pub const CRATES: &[Rule] = &[
+    Rule { who: "units", may: &[], why: "quantities stand still" },
+    Rule { who: "schemas", may: &["units"], why: "formats stand still: they outlive every process" },
+    Rule {
+        who: "signals",
+        may: &["units"],
+        why: "a trace knows no model, so measured and simulated ones are treated alike",
+    },
+    Rule { who: "models", may: &["units", "signals"], why: "models know no task, queue or file of a patient" },
+    Rule {
+        who: "cell-engine",
+        may: &["units", "models"],
+        why: "the kernels know neither organ nor task; models only in its tests, as an independent cell",
+    },
+    Rule { who: "calibrate", may: &["units"], why: "algorithms meet models by ask and tell or by closures" },
+    Rule {
+        who: "worker",
+        may: &["schemas", "units", "signals", "models", "cell-engine", "calibrate"],
+        why: "one conversion from a task's spec to solver types per kind; nobody imports worker",
+    },
+    Rule {
+        who: "coordinator",
+        may: &["schemas", "units", "signals", "calibrate"],
+        why: "decides and keeps books, never simulates: it builds where MPI is absent and stays small",
+    },
+    Rule {
+        who: "tests",
+        may: &["schemas", "coordinator"],
+        why: "the system is tested from outside, through its binaries and files",
+    },
+];
+
+/// Rooms of the coordinator: the modules of `coordinator/src/lib.rs`, and the crates of ours that each may reach for.
+pub const ROOMS: &[Rule] = &[
+    Rule { who: "clock", may: &[], why: "one way to write a time; machine and report get it as an argument" },
+    Rule { who: "machine", may: &["schemas"], why: "decisions are pure functions, tested without the world" },
+    Rule {
+        who: "dispatch",
+        may: &["schemas", "clock"],
+        why: "processes and schedulers are reached in one place, tested without decisions",
+    },
+    Rule { who: "store", may: &["schemas", "machine", "clock"], why: "SQL in one place" },
+    Rule { who: "input", may: &["schemas", "signals", "units"], why: "`check` needs no engine and no store" },
+    Rule {
+        who: "results",
+        may: &["schemas", "units"],
+        why: "report, export and comparison read a run alike; records in, numbers out",
+    },
+    Rule { who: "report", may: &["schemas", "units", "results"], why: "HTML in one place; records in, files out" },
+    Rule { who: "export", may: &["schemas", "units", "results"], why: "tables in one place; records in, files out" },
+    Rule {
+        who: "engine",
+        may: &["schemas", "machine", "store", "dispatch", "calibrate", "clock"],
+        why: "observe, decide, commit, act: the only room that sees both decisions and world",
+    },
+    Rule {
+        who: "cli",
+        may: &["engine", "report", "export", "results", "input", "schemas", "signals", "units", "clock"],
+        why: "words and tables for people; no SQL among the commands",
+    },
+];
+
+/// Foreign names that some place of ours may not use.
+pub struct Refusal {
+    /// Folder from the repository's root.
+    pub folder: &'static str,
+    /// Paths refused there.
+    pub paths: &'static [&'static str],
+    /// So that.
+    pub why: &'static str,
+}
+
+/// Source rules. Code under `#[cfg(test)]` is free of them.
+pub const REFUSALS: &[Refusal] = &[
+    Refusal {
+        folder: "solver",
+        paths: &["tokio", "sqlx", "clap", "std::env", "std::process", "std::net", "std::time"],
+        why: "numerics know no clock, environment, process, network, database or command line",
+    },
+    Refusal { folder: "worker/src", paths: &["sqlx"], why: "a worker never opens the database" },
+    Refusal {
+        folder: "coordinator/src/machine",
+        paths: &["tokio", "sqlx", "std::fs", "std::env", "std::process", "std::net", "std::time", "rustix", "tracing"],
+        why: "state machines have no clock and no I/O",
+    },
+    Refusal {
+        folder: "coordinator/src/report",
+        paths: &["sqlx", "tokio", "std::net"],
+        why: "a report touches neither store nor network",
+    },
+    Refusal {
+        folder: "coordinator/src/export",
+        paths: &["sqlx", "tokio", "std::net"],
+        why: "an export touches neither store nor network",
+    },
+    Refusal { folder: "coordinator/src/input", paths: &["sqlx", "tokio", "std::net"], why: "input is files" },
+    Refusal { folder: "coordinator/src/dispatch", paths: &["sqlx"], why: "SQL in one place" },
+    Refusal { folder: "coordinator/src/engine", paths: &["sqlx"], why: "SQL in one place" },
+    Refusal { folder: "coordinator/src/cli", paths: &["sqlx"], why: "SQL in one place" },
+];
+
+/// Crates that no crate under `solver/` may depend on.
+pub const NOT_FOR_SOLVERS: &[&str] = &[
+    "tokio",
+    "sqlx",
+    "clap",
+    "indicatif",
+    "tracing",
+    "tracing-subscriber",
+    "rustix",
+    "anyhow",
+    "async-trait",
+    "libsqlite3-sys",
+];
+
+/// Macros that no crate under `solver/` may call outside its tests.
+pub const SOLVER_MACROS: &[&str] = &["print", "println", "eprint", "eprintln", "dbg"];
+
+/// Longest source file, in lines: past about 400 it wants a name for its second half, past this the test fails.
+pub const LONGEST_FILE: usize = 600;
+
+/// Both tables as docs/architecture.md shows them.
+pub fn markdown() -> String {
+    let mut text = String::new();
+    for (title, rules) in [("crate", CRATES), ("room of the coordinator", ROOMS)] {
+        text += &format!("| {title} | may import (of ours) | so that |\n|---|---|---|\n");
+        for rule in rules {
+            let may = if rule.may.is_empty() { "nothing".to_owned() } else { rule.may.join(", ") };
+            text += &format!("| `{}` | {may} | {} |\n", rule.who, rule.why);
+        }
+        text.push('\n');
+    }
+    text
+}

@@ -1,0 +1,196 @@
+//! Kills coordinators and workers at every place that matters, and looks whether a second run ends like an
+//! uninterrupted one: nothing lost, nothing published twice, nothing finished started again.
+
+mod book;
+mod scene;
+
+use std::time::Duration;
+
+use rustix::process::Signal;
+
+use book::Book;
+use scene::{Scene, worker};
+
+/// Crash points of a small run: every one of them, until a run gets through.
+fn die_at_every_point(executor: &str, patients: usize, sleep_ms: u64) {
+    let peaceful = Scene::new(patients, sleep_ms, executor);
+    peaceful.finish();
+    let expected = Book::read(&peaceful);
+    expected.assert_sound();
+    let mut died = 0;
+    for point in 1.. {
+        let scene = Scene::new(patients, sleep_ms, executor);
+        let first = scene.run_until_crash_point(point);
+        if first.died {
+            died += 1;
+            scene.finish();
+        }
+        let book = Book::read(&scene);
+        book.assert_sound();
+        assert_eq!(book.end_state(), expected.end_state(), "after a crash at point {point}: {}", first.last_words);
+        if executor != "in-process" {
+            // No worker was killed here, so every task was worked on exactly once, whoever saw it end.
+            assert_eq!(scene.claims(), patients * 3, "after a crash at point {point}: {}", first.last_words);
+        }
+        if !first.died {
+            break;
+        }
+    }
+    assert!(died > 10, "only {died} crash points were passed: is the hook still there?");
+}
+
+#[test]
+fn a_coordinator_killed_at_any_point_is_continued_in_process() {
+    die_at_every_point("in-process", 2, 0);
+}
+
+#[test]
+fn a_coordinator_killed_at_any_point_is_continued_with_workers() {
+    die_at_every_point(&worker(), 2, 20);
+}
+
+#[test]
+fn a_coordinator_killed_twice_at_any_point_is_continued() {
+    let worker = worker();
+    for point in (1..40).step_by(3) {
+        let scene = Scene::new(2, 5, &worker);
+        for again in 0..3 {
+            scene.run_until_crash_point(point / (again + 1) + 1);
+        }
+        scene.finish();
+        Book::read(&scene).assert_sound();
+        assert_eq!(scene.claims(), 6, "after three crashes around point {point}");
+    }
+}
+
+#[test]
+fn a_killed_worker_is_tried_again_in_another_directory() {
+    let scene = Scene::new(1, 400, &worker());
+    let coordinator = scene.start();
+    let claim = scene.wait_for_claim(&[]);
+    scene::kill(claim.pid, Signal::KILL);
+    let said = coordinator.end();
+    assert!(said.ok, "{}", said.stderr);
+    assert!(said.stderr.contains("killed by signal 9"), "{}", said.stderr);
+    let book = Book::read(&scene);
+    book.assert_sound();
+    assert_eq!(scene.claims(), 4, "three tasks, one of them twice");
+    assert_eq!(book.generations(), [1, 1, 2]);
+}
+
+#[test]
+fn a_worker_that_is_killed_each_time_fails_its_patient_for_the_sites_sake() {
+    let scene = Scene::new(1, 60_000, &worker());
+    let coordinator = scene.start();
+    let mut killed = Vec::new();
+    for _ in 0..3 {
+        let claim = scene.wait_for_claim(&killed);
+        scene::kill(claim.pid, Signal::KILL);
+        killed.push(claim.pid);
+    }
+    let said = coordinator.end();
+    assert!(said.stdout.contains(r#""failed":1"#), "{}\n{}", said.stdout, said.stderr);
+    assert_eq!(scene.claims(), 3, "the first try and two more");
+}
+
+#[test]
+fn a_worker_that_outlives_its_coordinator_is_adopted_and_publishes() {
+    let scene = Scene::new(1, 700, &worker());
+    let coordinator = scene.start();
+    let claim = scene.wait_for_claim(&[]);
+    coordinator.kill();
+    assert!(scene::lives(claim.pid), "the worker must outlive its coordinator");
+    let said = scene.finish();
+    assert!(said.stderr.contains("adopted: 1"), "{}", said.stderr);
+    let book = Book::read(&scene);
+    book.assert_sound();
+    assert_eq!((scene.claims(), book.generations()), (3, vec![1, 1, 1]));
+}
+
+#[test]
+fn a_worker_that_died_with_its_coordinator_is_tried_again_free_of_charge() {
+    let scene = Scene::new(1, 500, &worker());
+    let mut killed = Vec::new();
+    // More often than failures of the site are forgiven.
+    for _ in 0..4 {
+        let coordinator = scene.start();
+        let claim = scene.wait_for_claim(&killed);
+        coordinator.kill();
+        scene::kill(claim.pid, Signal::KILL);
+        killed.push(claim.pid);
+    }
+    scene.finish();
+    let book = Book::read(&scene);
+    book.assert_sound();
+    assert_eq!(book.generations(), [1, 1, 5]);
+}
+
+#[test]
+fn one_interrupt_finishes_what_is_short_and_two_stop_at_once() {
+    for (interrupts, claims) in [(1, 3), (2, 4)] {
+        let scene = Scene::new(1, 800, &worker());
+        let coordinator = scene.start();
+        scene.wait_for_claim(&[]);
+        for _ in 0..interrupts {
+            coordinator.signal(Signal::INT);
+            std::thread::sleep(Duration::from_millis(50));
+        }
+        let said = coordinator.end();
+        assert!(said.ok && said.stdout.contains(r#""unfinished":1"#), "{}\n{}", said.stdout, said.stderr);
+        assert!(said.stdout.contains(&format!(r#""published":{}"#, 2 - interrupts)), "{}", said.stdout);
+        scene.finish();
+        let book = Book::read(&scene);
+        book.assert_sound();
+        assert_eq!(scene.claims(), claims, "{interrupts} interrupts");
+    }
+}
+
+#[test]
+fn a_second_coordinator_is_told_who_works_there() {
+    let scene = Scene::new(1, 600, &worker());
+    let coordinator = scene.start();
+    scene.wait_for_claim(&[]);
+    let second = scene.start().end();
+    assert!(!second.ok && second.stderr.contains(&format!("process {}", coordinator.pid())), "{}", second.stderr);
+    assert!(coordinator.end().ok);
+    Book::read(&scene).assert_sound();
+}
+
+#[test]
+fn a_finished_run_has_nothing_to_do() {
+    let scene = Scene::new(2, 0, &worker());
+    scene.finish();
+    let again = scene.finish();
+    assert!(again.stdout.contains(r#""submitted":0,"published":0"#), "{}", again.stdout);
+    assert_eq!(scene.claims(), 6);
+}
+
+/// A file system of 600 kB: the coordinator ends with a clear error, and goes on once there is space.
+#[test]
+fn a_full_disk_ends_the_run_and_loses_nothing() {
+    let unshare = ["--user", "--map-root-user", "--mount"];
+    let possible = std::process::Command::new("unshare").args(unshare).arg("true").status();
+    if !possible.is_ok_and(|status| status.success()) {
+        eprintln!("not tested: this system lets nobody mount a small file system of his own (unshare)");
+        return;
+    }
+    let scene = Scene::new(400, 0, "in-process");
+    let script = r#"mount -t tmpfs -o size=600k tmpfs "$1" || exit 99
+        "$2" "$1/run" 400 0 1 in-process && exit 98
+        mount -o remount,size=64m "$1" && "$2" "$1/run" 400 0 1 in-process && cp -r "$1/run" "$3""#;
+    let mount = tempfile::tempdir().expect("a directory");
+    let run = std::process::Command::new("unshare")
+        .args(unshare)
+        .args(["sh", "-c", script, "sh"])
+        .arg(mount.path())
+        .arg(scene::DRIVER)
+        .arg(scene.run_dir())
+        .output()
+        .expect("unshare runs");
+    let stderr = String::from_utf8_lossy(&run.stderr);
+    assert!(run.status.success(), "{}: {stderr}", run.status);
+    assert!(stderr.contains("no space left for"), "{stderr}");
+    let book = Book::read(&scene);
+    book.assert_sound();
+    assert_eq!(book.generations().len(), 1200);
+}

@@ -1,0 +1,10 @@
+//! The real binaries on a two-patient cohort: whole runs, changes, requests, stops, damage. Seconds each; nothing is
+//! mocked. `make test` builds the binaries first; by hand: `cargo build --release --workspace --bins`.
+
+mod damage;
+mod output;
+mod requests;
+mod runs;
+mod schema;
+mod stops;
+mod support;

@@ -1,0 +1,101 @@
+//! What comes out: tables, comparisons, simulations, completions, manual pages, schemas, templates.
+
+use serde_json::Value;
+
+use crate::support::{Cohort, PATIENTS, cardiotwin};
+
+#[test]
+fn two_runs_are_compared_and_exported() {
+    let cohort = Cohort::quick();
+    cohort.call(&["run", "--no-report"]).expect(0);
+    cohort.call(&["run", "--no-report", "--run-dir", "other", "--set", "step2.seed=11"]).expect(0);
+    let same = cohort.call(&["compare", "run", "run"]).expect(0).out;
+    assert!(same.starts_with("0 quantities differ"), "{same}");
+    let compared = cohort.call(&["compare", ".", "other", "--json"]).json();
+    let rows = compared["quantities"].as_array().unwrap();
+    let differs = |patient: &str, quantity: &str| {
+        let row = rows.iter().find(|row| row["patient"] == patient && row["quantity"] == quantity);
+        let row = row.unwrap_or_else(|| panic!("{patient} {quantity} is missing"));
+        row["before"] != row["after"]
+    };
+    for id in PATIENTS {
+        assert!(!differs(id, "step-1 cost") && !differs(id, "organ Smax_ref_kPa"));
+        assert!(differs(id, "step-2 cost") && differs(id, "cell a_p_kPa"));
+    }
+    let said = cohort.call(&["export", "other", "--out", "tables"]).expect(0);
+    let files: Vec<&str> = said.out.lines().collect();
+    for name in ["table_1.csv", "table_2.json", "table_A6.csv", "table_A7.csv", "traces.csv"] {
+        let path = files.iter().find(|file| file.ends_with(name)).unwrap_or_else(|| panic!("{name} in {files:?}"));
+        assert!(std::fs::metadata(cohort.path().join(path)).unwrap().len() > 50, "{name} is not empty");
+    }
+    let report = cohort.call(&["report", "other", "--out", "r.html"]).expect(0);
+    assert!(report.out.trim().ends_with("r.html") && cohort.path().join("r.html").exists());
+    cohort.call(&["compare", "run", "nothing"]).expect(5);
+}
+
+#[test]
+fn a_simulation_stands_alone_and_follows_the_run() {
+    let cohort = Cohort::quick();
+    let said = cohort.call(&["simulate", "01-CoA"]).expect(0);
+    assert!(said.out.starts_with("time_ms,pressure_mmHg,volume_mL"), "{}", said.out);
+    assert!(said.err.contains("P_max_mmHg"), "{}", said.err);
+    assert!(!cohort.run_dir().exists(), "nothing is stored");
+    let p_max = |arguments: &[&str]| -> f64 {
+        let mut all = vec!["simulate", "01-CoA", "--json"];
+        all.extend(arguments);
+        cohort.call(&all).json()["result"]["biomarkers"]["P_max_mmHg"].as_f64().unwrap()
+    };
+    assert!(p_max(&["--set", "Smax_ref_kPa=150"]) > p_max(&[]), "more stress, more pressure");
+    cohort.call(&["simulate", "01-CoA", "--set", "Smax_ref=150"]).expect(2).complains_of(&["did you mean"]);
+
+    cohort.call(&["run", "--no-report"]).expect(0);
+    let patient = cohort.patient("01-CoA");
+    let best = patient["step1"]["best_iteration"].as_u64().unwrap();
+    let iteration = patient["iterations"].as_array().unwrap().iter().find(|i| i["number"] == best).unwrap().clone();
+    let of_run = iteration["run"]["result"]["biomarkers"]["P_max_mmHg"].as_f64().unwrap();
+    assert_eq!(p_max(&[]), of_run, "the run's best iteration, to the last digit");
+    let of_run = patient["verification"]["result"]["biomarkers"]["P_max_mmHg"].as_f64().unwrap();
+    assert_eq!(p_max(&["--cell"]), of_run, "the verification beat");
+
+    let said = cohort.call(&["simulate", "01-CoA", "--beats", "periodic", "--out", "beat"]).expect(0);
+    assert!(said.out.contains("beats, periodic"), "{}", said.out);
+    let traces = std::fs::read_to_string(cohort.path().join("beat/traces.csv")).unwrap();
+    assert!(traces.lines().count() > 300);
+}
+
+#[test]
+fn a_new_cohort_is_made_and_checked() {
+    let folder = tempfile::tempdir().unwrap();
+    cardiotwin(folder.path(), &["init", "mine", "--name", "my cohort"]).expect(0);
+    let checked = cardiotwin(folder.path(), &["check", "mine", "--json"]).expect(1);
+    let checked: Value = serde_json::from_str(&checked.out).unwrap();
+    assert_eq!((&checked["cohort"], &checked["errors"]), (&"my cohort".into(), &2.into()));
+    cardiotwin(folder.path(), &["init", "mine"]).expect(2).complains_of(&["nothing was written"]);
+    let bundled = concat!(env!("CARGO_MANIFEST_DIR"), "/../examples/coa-seven");
+    cardiotwin(folder.path(), &["check", bundled, "--strict"]).expect(0);
+}
+
+#[test]
+fn completions_manual_pages_and_schemas() {
+    let folder = tempfile::tempdir().unwrap();
+    for shell in ["bash", "zsh", "fish"] {
+        let said = cardiotwin(folder.path(), &["completions", shell]).expect(0);
+        assert!(said.out.contains("rerun"), "{shell}");
+    }
+    let page = cardiotwin(folder.path(), &["man"]).expect(0).out;
+    assert!(page.contains(".TH cardiotwin"), "{page}");
+    cardiotwin(folder.path(), &["man", "--out", "man"]).expect(0);
+    assert!(folder.path().join("man/cardiotwin-run.1").exists());
+    let schemas = cardiotwin(folder.path(), &["schemas"]).json();
+    assert!(schemas["cohort.schema.json"]["properties"]["step1"].is_object());
+    cardiotwin(folder.path(), &["frobnicate"]).expect(2);
+}
+
+#[test]
+fn what_the_coordinator_costs_can_be_measured() {
+    let folder = tempfile::tempdir().unwrap();
+    let said = cardiotwin(folder.path(), &["bench", "orchestration", "--patients", "50", "--kill", "--json"]).json();
+    assert_eq!(said["tasks"], 150);
+    let spawned = ["bench", "orchestration", "--patients", "10", "--spawn", "--json"];
+    assert_eq!(cardiotwin(folder.path(), &spawned).json()["executor"], "local");
+}

@@ -1,0 +1,120 @@
+//! Whole runs, and what a change makes them do again.
+
+use std::path::Path;
+
+use serde_json::Value;
+
+use crate::schema::misfits;
+use crate::support::{Cohort, PATIENTS, published};
+
+#[test]
+fn a_cohort_runs_to_the_end_and_the_second_time_does_nothing() {
+    let cohort = Cohort::quick();
+    let said = cohort.call(&["run"]).expect(0);
+    for part in ["PATIENT", "P_max", "01-CoA", "02-CoA", "2 done", "report: "] {
+        assert!(said.out.contains(part), "{part} is not in\n{}", said.out);
+    }
+    assert!(said.err.contains("step-1  iteration 1  cost"), "a line for each finished step:\n{}", said.err);
+    assert!(!said.out.contains('\x1b') && !said.err.contains('\x1b'), "no colour in pipes");
+    let report = std::fs::read_to_string(cohort.run_dir().join("report.html")).unwrap();
+    assert!(report.contains("01-CoA") && report.contains("<svg"), "a report with plots");
+
+    let before: Vec<_> = PATIENTS.iter().map(|id| published(&cohort.patient(id))).collect();
+    assert!(before.iter().all(|tasks| tasks.len() >= 5), "{before:?}");
+    let again = cohort.call(&["run"]).expect(0);
+    assert!(again.out.contains("nothing to do"), "{}", again.out);
+    let after: Vec<_> = PATIENTS.iter().map(|id| published(&cohort.patient(id))).collect();
+    assert_eq!(before, after);
+}
+
+#[test]
+fn a_changed_setting_redoes_only_what_depends_on_it_and_explain_names_it() {
+    let cohort = Cohort::quick();
+    cohort.call(&["run", "--no-report"]).expect(0);
+    let before = published(&cohort.patient("01-CoA"));
+    cohort.edit("cohort.toml", "seed = 3", "seed = 7");
+    let said = cohort.call(&["run", "--dry-run"]).expect(0);
+    assert!(said.out.contains("redo what depends on"), "{}", said.out);
+    assert_eq!(published(&cohort.patient("01-CoA")), before, "a dry run does nothing");
+    cohort.call(&["run", "--no-report"]).expect(0);
+    let after = published(&cohort.patient("01-CoA"));
+    let same: Vec<&str> = before.iter().filter(|task| after.contains(task)).map(|(step, ..)| step.as_str()).collect();
+    let changed: Vec<&str> =
+        after.iter().filter(|task| !before.contains(task)).map(|(step, ..)| step.as_str()).collect();
+    assert_eq!(changed, ["step-2", "verification"], "same: {same:?}");
+    let said = cohort.call(&["explain", "01-CoA"]).expect(0).out;
+    assert!(said.contains("step-2 differs"), "{said}");
+    assert!(said.contains("seed: 3 -> 7") && said.contains("cohort.toml:4"), "the key and its place:\n{said}");
+
+    cohort.edit("cohort.toml", "seed = 7", "seed = 3");
+    let said = cohort.call(&["run", "--no-report"]).expect(0).out;
+    assert!(said.contains("nothing to do") || said.contains("0 tasks"), "the earlier results are found again:\n{said}");
+    assert_eq!(published(&cohort.patient("01-CoA")), before);
+}
+
+#[test]
+fn a_changed_trace_is_named_by_its_file() {
+    let cohort = Cohort::quick();
+    cohort.call(&["run", "--no-report", "--patient", "01-CoA"]).expect(0);
+    let trace = cohort.path().join("patients/01-CoA/pressure.csv");
+    let text = std::fs::read_to_string(&trace).unwrap();
+    std::fs::write(&trace, text.replacen("\n0,", "\n0.0,", 1)).unwrap();
+    cohort.call(&["run", "--no-report", "--patient", "01-CoA"]).expect(0);
+    let said = cohort.call(&["explain", "01-CoA"]).expect(0).out;
+    assert!(said.contains("pressure.sha256") && said.contains("patients/01-CoA/pressure.csv"), "{said}");
+}
+
+#[test]
+fn one_patient_alone() {
+    let cohort = Cohort::quick();
+    cohort.call(&["run", "--no-report", "--patient", "02-CoA"]).expect(0);
+    assert_eq!(cohort.patient("02-CoA")["status"]["state"], "done");
+    assert_ne!(cohort.patient("01-CoA")["status"]["state"], "done");
+    cohort.call(&["run", "--patient", "2-CoA"]).expect(2).complains_of(&["did you mean `02-CoA`?"]);
+    cohort.call(&["run", "--no-report"]).expect(0);
+    assert_eq!(cohort.patient("01-CoA")["status"]["state"], "done");
+}
+
+#[test]
+fn status_follows_its_schema() {
+    let cohort = Cohort::quick();
+    cohort.call(&["status"]).expect(5).complains_of(&["nothing was run here yet"]);
+    cohort.call(&["run", "--no-report"]).expect(0);
+    let status = cohort.call(&["status", "--json"]).json();
+    let schema = Path::new(env!("CARGO_MANIFEST_DIR")).join("../schemas/json/status.schema.json");
+    let schema: Value = serde_json::from_str(&std::fs::read_to_string(schema).unwrap()).unwrap();
+    assert_eq!(misfits(&status, &schema), Vec::<String>::new());
+    assert_eq!(status["counts"]["done"], 2);
+    let table = cohort.call(&["status"]).expect(0).out;
+    assert!(table.starts_with("PATIENT  STEP  STATE"), "{table}");
+    // The run's own folder names the run as well as the cohort's does.
+    let by_run = crate::support::cardiotwin(&cohort.run_dir(), &["status", "--json"]).json();
+    assert_eq!(by_run["patients"].as_array().unwrap().len(), 2);
+}
+
+#[test]
+fn wrong_input_stops_before_anything_runs() {
+    let cohort = Cohort::quick();
+    cohort.edit("patients/01-CoA/patient.toml", "volume.csv", "cine.csv");
+    cohort.edit("cohort.toml", "seed", "sead");
+    cohort.call(&["run"]).expect(3).complains_of(&[
+        "\nerror: patients/01-CoA/patient.toml:",
+        "cine.csv",
+        "cohort.toml:4",
+        "did you mean `seed`?",
+    ]);
+    assert!(!cohort.run_dir().join("cardiotwin.db").exists());
+    cohort.call(&["run", "--set", "step1.damping=2"]).expect(3).complains_of(&["--set: step1.damping"]);
+}
+
+#[test]
+fn pressure_alone_leaves_the_valves_at_their_start() {
+    let cohort = Cohort::quick();
+    cohort.edit("patients/01-CoA/patient.toml", "volume = \"volume.csv\"", "end_diastolic_volume_mL = 161.2");
+    cohort.call(&["run", "--no-report", "--patient", "01-CoA"]).expect(0);
+    let patient = cohort.patient("01-CoA");
+    let valves = &patient["step1"]["parameters"]["valves"];
+    assert_eq!(valves["R_AV_f_mmHg_s_per_mL"], 0.01);
+    assert_eq!(valves["R_MV_f_mmHg_s_per_mL"], 0.01);
+    assert_ne!(patient["step1"]["parameters"]["tanh"]["Smax_ref_kPa"], 100.0);
+}

@@ -1,0 +1,75 @@
+//! Ctrl-C, kill -9, and two coordinators at once.
+
+use rustix::process::Signal;
+
+use crate::support::{Cohort, PATIENTS, Running, published};
+
+/// What was published before a stop is published still, by the same attempt, and the run goes to its end.
+fn goes_on(cohort: &Cohort) {
+    let before: Vec<_> = PATIENTS.iter().map(|id| published(&cohort.patient(id))).collect();
+    assert!(before.iter().any(|tasks| tasks.len() >= 3), "something was done before the stop: {before:?}");
+    // Step 2 shorter, so that the end comes soon: earlier steps do not depend on it.
+    cohort.edit("cohort.toml", "max_generations = 400", "max_generations = 3");
+    cohort.call(&["run", "--no-report"]).expect(0);
+    for (id, before) in PATIENTS.iter().zip(before) {
+        let after = published(&cohort.patient(id));
+        for task in before.iter().filter(|(step, ..)| step != "step-2" && step != "verification") {
+            assert!(after.contains(task), "{id} {task:?} was done again: {after:?}");
+        }
+    }
+}
+
+fn stop_in_step_2(cohort: &Cohort, how: impl FnOnce(&Running)) -> crate::support::Said {
+    let running = cohort.start(&["--no-report", "--workers", "1"]);
+    cohort.wait_for_step("step-2");
+    how(&running);
+    running.end()
+}
+
+#[test]
+fn two_interrupts_stop_now_and_the_same_command_goes_on() {
+    let cohort = Cohort::slow();
+    let said = stop_in_step_2(&cohort, |running| {
+        running.signal(Signal::INT);
+        std::thread::sleep(std::time::Duration::from_millis(300));
+        running.signal(Signal::INT);
+    });
+    let said = said.expect(130);
+    assert!(said.err.contains("Ctrl-C again stops now"), "{}", said.err);
+    assert!(said.err.contains("`cardiotwin run` goes on"), "{}", said.err);
+    goes_on(&cohort);
+}
+
+#[test]
+fn one_interrupt_stops_cleanly_and_starts_nothing_new() {
+    let cohort = Cohort::slow();
+    cohort.edit("cohort.toml", "max_generations = 400", "max_generations = 30");
+    let running = cohort.start(&["--no-report", "--workers", "1"]);
+    cohort.wait_for_step("step-1");
+    running.signal(Signal::TERM);
+    running.end().expect(130);
+    assert!(cohort.call(&["status", "--json"]).json()["counts"]["done"].is_null(), "it stopped before the end");
+    cohort.call(&["run", "--no-report", "--set", "step2.max_generations=2"]).expect(0);
+}
+
+#[test]
+fn a_killed_coordinator_loses_nothing() {
+    let cohort = Cohort::slow();
+    stop_in_step_2(&cohort, |running| running.signal(Signal::KILL)).expect(-1);
+    let status = cohort.call(&["status", "--json"]).json();
+    assert_eq!(status["coordinator_running"], false);
+    goes_on(&cohort);
+}
+
+#[test]
+fn the_second_coordinator_is_told_who_the_first_is() {
+    let cohort = Cohort::slow();
+    let running = cohort.start(&["--no-report", "--workers", "1"]);
+    cohort.wait_for_step("step-2");
+    let said = cohort.call(&["run"]).expect(4);
+    assert!(said.err.contains(&format!("process {}", running.pid())), "{}", said.err);
+    cohort.call(&["status"]).expect(0);
+    running.signal(Signal::INT);
+    running.signal(Signal::INT);
+    running.end().expect(130);
+}

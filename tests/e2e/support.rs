@@ -1,0 +1,235 @@
+//! A small cohort in a temporary folder, and the program called on it.
+
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+
+use serde_json::Value;
+use tempfile::TempDir;
+
+/// Patients that the small cohort takes from the bundled one.
+pub const PATIENTS: [&str; 2] = ["01-CoA", "02-CoA"];
+
+/// Settings under which both patients are done within seconds: step 2 need not be good here.
+const QUICK: &str = "\n[step2]\nseed = 3\npopsize = 3\nmax_generations = 4\npolish = false\n";
+/// Settings under which step 2 takes many seconds.
+const SLOW: &str = "\n[step2]\nseed = 3\npopsize = 15\nmax_generations = 400\ntol = 0.0\npolish = false\n";
+
+/// A built binary, which lies beside the folder of the running test.
+pub fn binary(name: &str) -> PathBuf {
+    let test = std::env::current_exe().expect("a test knows its own path");
+    let path = test.parent().and_then(Path::parent).expect("tests lie in target/PROFILE/deps").join(name);
+    assert!(path.is_file(), "{} is not there: `cargo build --release --workspace --bins` first", path.display());
+    path
+}
+
+/// What a call said, and how it ended.
+#[derive(Debug)]
+pub struct Said {
+    pub code: i32,
+    pub out: String,
+    pub err: String,
+}
+
+impl Said {
+    /// The call ended with this code.
+    #[track_caller]
+    pub fn expect(self, code: i32) -> Self {
+        assert_eq!(self.code, code, "stdout:\n{}\nstderr:\n{}", self.out, self.err);
+        self
+    }
+
+    /// The call succeeded and printed JSON.
+    #[track_caller]
+    pub fn json(self) -> Value {
+        let said = self.expect(0);
+        serde_json::from_str(&said.out).unwrap_or_else(|error| panic!("{error} in\n{}", said.out))
+    }
+
+    /// stderr has all of these.
+    #[track_caller]
+    pub fn complains_of(self, parts: &[&str]) -> Self {
+        for part in parts {
+            assert!(self.err.contains(part), "{part:?} is not in\n{}", self.err);
+        }
+        self
+    }
+}
+
+/// Calls `cardiotwin` in a folder.
+pub fn cardiotwin(folder: &Path, arguments: &[&str]) -> Said {
+    let output = command(folder, arguments).output().expect("the program starts");
+    Said {
+        // A signal has no code.
+        code: output.status.code().unwrap_or(-1),
+        out: String::from_utf8_lossy(&output.stdout).into_owned(),
+        err: String::from_utf8_lossy(&output.stderr).into_owned(),
+    }
+}
+
+fn command(folder: &Path, arguments: &[&str]) -> Command {
+    let mut command = Command::new(binary("cardiotwin"));
+    binary("cardiotwin-worker");
+    command.args(arguments).current_dir(folder).stdin(Stdio::null()).env_remove("CARDIOTWIN_LOG");
+    command
+}
+
+/// A cohort of two patients.
+pub struct Cohort {
+    folder: TempDir,
+}
+
+impl Cohort {
+    /// Done within seconds.
+    pub fn quick() -> Self {
+        Self::with(QUICK)
+    }
+
+    /// Step 2 goes on for long: for whoever wants to come in between.
+    pub fn slow() -> Self {
+        Self::with(SLOW)
+    }
+
+    /// One other patient of the bundled cohort, done within seconds.
+    pub fn quick_of(id: &str) -> Self {
+        Self::of(&[id], QUICK)
+    }
+
+    fn with(settings: &str) -> Self {
+        Self::of(&PATIENTS, settings)
+    }
+
+    fn of(patients: &[&str], settings: &str) -> Self {
+        let folder = tempfile::tempdir().expect("a temporary folder");
+        let bundled = Path::new(env!("CARGO_MANIFEST_DIR")).join("../examples/coa-seven/patients");
+        for id in patients {
+            let patient = folder.path().join("patients").join(id);
+            std::fs::create_dir_all(&patient).unwrap();
+            for name in ["patient.toml", "pressure.csv", "volume.csv"] {
+                std::fs::copy(bundled.join(id).join(name), patient.join(name)).unwrap();
+            }
+        }
+        std::fs::write(folder.path().join("cohort.toml"), format!("name = \"two\"\n{settings}")).unwrap();
+        Self { folder }
+    }
+
+    pub fn path(&self) -> &Path {
+        self.folder.path()
+    }
+
+    pub fn run_dir(&self) -> PathBuf {
+        self.path().join("run")
+    }
+
+    /// Calls `cardiotwin` in the cohort's folder.
+    pub fn call(&self, arguments: &[&str]) -> Said {
+        cardiotwin(self.path(), arguments)
+    }
+
+    /// Starts `cardiotwin run` and leaves it running.
+    pub fn start(&self, arguments: &[&str]) -> Running {
+        let mut all = vec!["run"];
+        all.extend(arguments);
+        let child = command(self.path(), &all)
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .expect("the program starts");
+        Running { child }
+    }
+
+    /// Replaces a text in a file of the cohort.
+    #[track_caller]
+    pub fn edit(&self, file: &str, from: &str, to: &str) {
+        let path = self.path().join(file);
+        let text = std::fs::read_to_string(&path).unwrap();
+        assert!(text.contains(from), "{from:?} is not in {file}");
+        std::fs::write(path, text.replace(from, to)).unwrap();
+    }
+
+    /// One patient as `show --json` tells.
+    pub fn patient(&self, id: &str) -> Value {
+        self.call(&["show", id, "--json"]).json()
+    }
+
+    /// Waits until the status satisfies `wanted`.
+    #[track_caller]
+    pub fn wait_for(&self, what: &str, wanted: impl Fn(&Value) -> bool) -> Value {
+        let began = Instant::now();
+        loop {
+            let said = self.call(&["status", "--json"]);
+            if let Ok(status) = serde_json::from_str::<Value>(&said.out)
+                && wanted(&status)
+            {
+                return status;
+            }
+            assert!(began.elapsed() < Duration::from_secs(120), "never saw {what}; last:\n{}{}", said.out, said.err);
+            std::thread::sleep(Duration::from_millis(50));
+        }
+    }
+
+    /// Waits until a patient of a running coordinator is at work in this step.
+    #[track_caller]
+    pub fn wait_for_step(&self, step: &str) -> Value {
+        let wanted = |status: &Value| {
+            let patients = status["patients"].as_array().cloned().unwrap_or_default();
+            status["coordinator_running"] == true
+                && patients.iter().any(|patient| patient["step"] == step && patient["state"] == "running")
+        };
+        self.wait_for(&format!("a patient running {step}"), wanted)
+    }
+}
+
+/// A coordinator that runs beside the test. Killed if the test ends before it does.
+pub struct Running {
+    child: Child,
+}
+
+impl Running {
+    /// Sends a signal.
+    pub fn signal(&self, signal: rustix::process::Signal) {
+        let pid = i32::try_from(self.child.id()).ok().and_then(rustix::process::Pid::from_raw);
+        rustix::process::kill_process(pid.expect("a process has an id"), signal).expect("it is running");
+    }
+
+    /// Its process id.
+    pub fn pid(&self) -> u32 {
+        self.child.id()
+    }
+
+    /// Waits for its end.
+    pub fn end(mut self) -> Said {
+        use std::io::Read as _;
+        let (mut out, mut err) = (String::new(), String::new());
+        // The program says little: neither pipe can fill up while the other is read.
+        self.child.stdout.take().unwrap().read_to_string(&mut out).unwrap();
+        self.child.stderr.take().unwrap().read_to_string(&mut err).unwrap();
+        let code = self.child.wait().unwrap().code().unwrap_or(-1);
+        Said { code, out, err }
+    }
+}
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+/// Task key, generation and wall time of every task of a patient that was published, by step.
+pub fn published(patient: &Value) -> Vec<(String, String, u64)> {
+    let mut tasks = Vec::new();
+    let mut push = |name: String, task: &Value| {
+        if let Some(key) = task["key"].as_str() {
+            tasks.push((name, key.to_owned(), task["generation"].as_u64().unwrap()));
+        }
+    };
+    push("step-0".into(), &patient["step0"]);
+    for iteration in patient["iterations"].as_array().unwrap() {
+        push(format!("step-1 iteration {}", iteration["number"]), &iteration["run"]);
+    }
+    push("targets".into(), &patient["targets"]);
+    push("step-2".into(), &patient["cell_fit"]);
+    push("verification".into(), &patient["verification"]);
+    tasks
+}

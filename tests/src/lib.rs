@@ -1,0 +1,1 @@
+//! Empty: the tests of the whole system are the test targets of this crate.

@@ -1,0 +1,78 @@
+//! Step 1 of the seven bundled patients in this process, with its figures: costs, errors, minimal stretch, the volume
+//! left open at the end of the beat. `cargo run --release -p cardiotwin-worker --example step1_seven`
+
+#[path = "../tests/support/mod.rs"]
+mod support;
+
+use cardiotwin_schemas::biomarkers::Biomarkers;
+use cardiotwin_schemas::organ::OrganSpec;
+use cardiotwin_schemas::settings::{Step1Settings, StopRule};
+use cardiotwin_worker::context::Context;
+
+type Of = fn(&Biomarkers) -> Option<f64>;
+
+/// The biomarkers whose mean errors the paper gives, in its order.
+const ERRORS: [(&str, Of); 5] = [
+    ("P_max", |b| b.p_max_mmhg),
+    ("PTD90", |b| b.ptd90_ms),
+    ("dPdt_max", |b| b.dpdt_max_mmhg_per_ms),
+    ("dPdt_min", |b| b.dpdt_min_mmhg_per_ms),
+    ("SV", |b| b.sv_ml),
+];
+
+fn main() {
+    let scratch = tempfile::tempdir().expect("a temporary directory");
+    let onset = std::env::args().nth(1).and_then(|text| text.parse().ok());
+    for stop in [StopRule::FirstConverged, StopRule::BestOfLimit] {
+        println!("\nstop = {stop:?}");
+        let mut sums = [0.0; 5];
+        let mut counted = 0;
+        for id in support::PATIENTS {
+            let mut spec = support::step0(id);
+            spec.activation.onset_ms = onset;
+            let mut context = Context::plain(scratch.path(), 1);
+            let state = support::passive_state(&spec, &mut context);
+            let settings = Step1Settings { stop, ..Step1Settings::default() };
+            let (iterations, best, how) = support::step1(spec.cycle_length_ms, &state, &settings, &mut context);
+            let costs: Vec<String> = iterations.iter().map(|iteration| format!("{:.3}", iteration.cost)).collect();
+            let OrganSpec::Reduced { passive, activation } = &state.organ;
+            println!(
+                "{id}: {how}, best {best:?}; onset {:.1} ms, b {:.1}; costs {}",
+                activation.onset_ms,
+                passive.exponent,
+                costs.join(" ")
+            );
+            for iteration in &iterations {
+                if let Err(reason) = &iteration.result {
+                    println!("    failed: {reason}");
+                }
+            }
+            let Some(iteration) = best.map(|best| &iterations[best]) else { continue };
+            let Ok(result) = &iteration.result else { continue };
+            let errors = ERRORS.map(|(_, of)| match (of(&state.measured), of(&result.biomarkers)) {
+                (Some(measured), Some(simulated)) => 100.0 * ((measured - simulated) / measured).abs(),
+                _ => f64::NAN,
+            });
+            let tanh = &iteration.parameters.tanh;
+            println!(
+                "    errors % {errors:.1?}; lambda_min {:.3}, open at the end {:.1} mL; Smax {:.0} tau_SR {:.2} tau_SD {:.0} t_CR {:.0} R_AV {:.4} R_MV {:.4}; {:?}",
+                result.lambda_min,
+                result.biomarkers.end_of_beat_gap_ml.unwrap_or(f64::NAN),
+                tanh.smax_ref_kpa,
+                tanh.tau_sr_ref_ms,
+                tanh.tau_sd_ms,
+                tanh.t_cr_ms,
+                iteration.parameters.valves.r_av_f_mmhg_s_per_ml,
+                iteration.parameters.valves.r_mv_f_mmhg_s_per_ml,
+                result.remarks,
+            );
+            if id != "04-CoA" {
+                counted += 1;
+                sums.iter_mut().zip(errors).for_each(|(sum, error)| *sum += error);
+            }
+        }
+        let means: Vec<String> =
+            ERRORS.iter().zip(sums).map(|((name, _), sum)| format!("{name} {:.1}", sum / f64::from(counted))).collect();
+        println!("mean errors % of {counted} without 04-CoA: {} (paper: 5.4, 1.4, 13.6, 7.7, 10.0)", means.join(", "));
+    }
+}

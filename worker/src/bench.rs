@@ -1,0 +1,149 @@
+//! Medians of the two kernels that decide how long a personalisation takes.
+
+use std::time::{Duration, Instant};
+
+use cardiotwin_models::beat::{BeatOutcome, BeatSettings, run_beats};
+use cardiotwin_models::cell0d::{CellBeat, CellSolverSettings};
+use cardiotwin_schemas::organ::{
+    ActivationSpec, BeatCount, CirculationSpec, ContractionSpec, OneFibrePassive, OrganSpec, TanhParameters,
+    ValveParameters, WindkesselParameters,
+};
+use cardiotwin_schemas::task::OrganBeatSpec;
+use cardiotwin_units::Ms;
+use serde::Serialize;
+
+use crate::cell_parameters::NamedCell;
+use crate::error::TaskError;
+use crate::tasks::organ_beat;
+
+/// Repetitions that are not counted.
+const WARM_UP: Duration = Duration::from_millis(300);
+/// How long repetitions are counted.
+const MEASURED: Duration = Duration::from_secs(2);
+/// Cycle length of both kernels.
+const CYCLE_MS: f64 = 800.0;
+
+/// One beat of the reduced ventricle with Tanh at 1 ms steps, set-up included.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct BeatTiming {
+    /// Median without nodal traces.
+    pub ms_per_beat: f64,
+    /// Median with nodal traces recorded.
+    pub ms_per_beat_with_nodes: f64,
+    /// Steps of a beat.
+    pub steps: usize,
+    /// Activation groups.
+    pub groups: u32,
+    /// Counted repetitions of the first.
+    pub repetitions: usize,
+}
+
+/// One evaluation of the 0D cell: beats until periodic, 1 ms output, default tolerance.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct CellTiming {
+    /// Median of an evaluation.
+    pub us_per_evaluation: f64,
+    /// The same over the beats of an evaluation.
+    pub us_per_beat: f64,
+    /// Beats until periodic, the recorded one included.
+    pub beats_per_evaluation: usize,
+    /// Counted repetitions.
+    pub repetitions: usize,
+}
+
+/// Times a beat of an average ventricle.
+///
+/// # Errors
+/// Never for the built-in parameters.
+pub fn beat() -> Result<BeatTiming, TaskError> {
+    let spec = average_ventricle();
+    let mut steps = 0;
+    let mut run = |record_nodes: bool| -> Result<(f64, usize), TaskError> {
+        let settings = BeatSettings { record_nodes, ..BeatSettings::one_beat(Ms(CYCLE_MS)) };
+        median_seconds(|| {
+            let mut ventricle = organ_beat::ventricle(&spec)?;
+            let mut circulation = organ_beat::circulation(&spec)?;
+            if let BeatOutcome::Finished(result) = run_beats(&mut ventricle, &mut circulation, &settings) {
+                steps = result.work.n_steps;
+            }
+            Ok(())
+        })
+    };
+    let (without, repetitions) = run(false)?;
+    let (with, _) = run(true)?;
+    let OrganSpec::Reduced { activation, .. } = &spec.organ;
+    let groups = activation.groups;
+    Ok(BeatTiming { ms_per_beat: 1e3 * without, ms_per_beat_with_nodes: 1e3 * with, steps, groups, repetitions })
+}
+
+/// Times an evaluation of the default cell.
+///
+/// # Errors
+/// Never for the built-in parameters.
+pub fn cell() -> Result<CellTiming, TaskError> {
+    let cell = NamedCell::new(CYCLE_MS, 1.0).parameters();
+    let mut beat = CellBeat::default();
+    let settings = CellSolverSettings::default();
+    let (seconds, repetitions) = median_seconds(|| Ok(cell.build()?.solve_periodic_into(&settings, &mut beat)?))?;
+    let beats = beat.beats_to_periodic.max(1);
+    Ok(CellTiming {
+        us_per_evaluation: 1e6 * seconds,
+        us_per_beat: 1e6 * seconds / beats as f64,
+        beats_per_evaluation: beats,
+        repetitions,
+    })
+}
+
+/// Median seconds of a call and the number of calls that were counted.
+fn median_seconds(mut work: impl FnMut() -> Result<(), TaskError>) -> Result<(f64, usize), TaskError> {
+    let begin = Instant::now();
+    while begin.elapsed() < WARM_UP {
+        work()?;
+    }
+    let mut seconds = Vec::new();
+    let begin = Instant::now();
+    while begin.elapsed() < MEASURED {
+        let call = Instant::now();
+        work()?;
+        seconds.push(call.elapsed().as_secs_f64());
+    }
+    seconds.sort_by(f64::total_cmp);
+    Ok((seconds[seconds.len() / 2], seconds.len()))
+}
+
+/// A ventricle in the middle of the bundled cohort.
+fn average_ventricle() -> OrganBeatSpec {
+    let passive = OneFibrePassive {
+        wall_volume_ml: 97.5,
+        unloaded_volume_ml: 71.0,
+        end_diastolic_volume_ml: 130.0,
+        end_diastolic_pressure_mmhg: 9.0,
+        stiffness_kpa: 0.3,
+        exponent: 9.24,
+    };
+    let afterload = WindkesselParameters {
+        characteristic_resistance_mmhg_s_per_ml: 0.055,
+        peripheral_resistance_mmhg_s_per_ml: 0.85,
+        compliance_ml_per_mmhg: 1.5,
+    };
+    OrganBeatSpec {
+        cycle_length_ms: CYCLE_MS,
+        time_step_ms: 1.0,
+        shortest_step_ms: 1.0 / 64.0,
+        newton_iterations: 60,
+        organ: OrganSpec::Reduced {
+            passive,
+            activation: ActivationSpec { spread_ms: 40.0, groups: 16, onset_ms: 0.0 },
+        },
+        circulation: CirculationSpec {
+            afterload,
+            initial_windkessel_pressure_mmhg: 70.0,
+            left_atrial_pressure_mmhg: 7.0,
+            effects: Vec::new(),
+        },
+        valves: ValveParameters::default(),
+        contraction: ContractionSpec::Tanh { parameters: TanhParameters::default() },
+        beats: BeatCount::Fixed { n: 1 },
+        measured_end_diastolic_volume_ml: None,
+    }
+}

@@ -1,0 +1,90 @@
+//! From the solver's biomarkers to those that pass between processes.
+
+use cardiotwin_schemas::biomarkers::{Biomarkers, TimePoints};
+use cardiotwin_signals::{BiomarkerSet, Flag};
+use cardiotwin_units::{Ml, Mmhg, Ms};
+
+/// The same values in the form of files.
+#[must_use]
+pub fn to_schema(set: &BiomarkerSet) -> (Biomarkers, TimePoints) {
+    let mmhg = |value: Option<Mmhg>| value.map(|value| value.0);
+    let ml = |value: Option<Ml>| value.map(|value| value.0);
+    let ms = |value: Option<Ms>| value.map(|value| value.0);
+    let biomarkers = Biomarkers {
+        p_max_mmhg: mmhg(set.p_max),
+        dpdt_max_mmhg_per_ms: set.dpdt_max_mmhg_per_ms,
+        dpdt_min_mmhg_per_ms: set.dpdt_min_mmhg_per_ms,
+        ptd90_ms: ms(set.ptd90),
+        sv_ml: ml(set.sv),
+        tau_vd_ms: ms(set.tau_vd),
+        tau_vr_ms: ms(set.tau_vr),
+        edv_ml: ml(set.edv),
+        esv_ml: ml(set.esv),
+        edp_mmhg: mmhg(set.edp),
+        end_of_beat_gap_ml: ml(set.end_of_beat_gap),
+    };
+    let times = &set.time_points;
+    let time_points = TimePoints {
+        t1_ms: ms(times.t1),
+        t2_ms: ms(times.t2),
+        t3_ms: ms(times.t3),
+        t4_ms: ms(times.t4),
+        t5_ms: ms(times.t5),
+        t6_ms: ms(times.t6),
+        t7_ms: ms(times.t7),
+    };
+    (biomarkers, time_points)
+}
+
+/// What `given` states wins over what `found` holds.
+#[must_use]
+pub fn overridden(found: &Biomarkers, given: &Biomarkers) -> Biomarkers {
+    Biomarkers {
+        p_max_mmhg: given.p_max_mmhg.or(found.p_max_mmhg),
+        dpdt_max_mmhg_per_ms: given.dpdt_max_mmhg_per_ms.or(found.dpdt_max_mmhg_per_ms),
+        dpdt_min_mmhg_per_ms: given.dpdt_min_mmhg_per_ms.or(found.dpdt_min_mmhg_per_ms),
+        ptd90_ms: given.ptd90_ms.or(found.ptd90_ms),
+        sv_ml: given.sv_ml.or(found.sv_ml),
+        tau_vd_ms: given.tau_vd_ms.or(found.tau_vd_ms),
+        tau_vr_ms: given.tau_vr_ms.or(found.tau_vr_ms),
+        edv_ml: given.edv_ml.or(found.edv_ml),
+        esv_ml: given.esv_ml.or(found.esv_ml),
+        edp_mmhg: given.edp_mmhg.or(found.edp_mmhg),
+        end_of_beat_gap_ml: given.end_of_beat_gap_ml.or(found.end_of_beat_gap_ml),
+    }
+}
+
+/// What a reader must know of a set, in words.
+#[must_use]
+pub fn remarks(set: &BiomarkerSet) -> Vec<String> {
+    set.flags.iter().map(|flag| words(*flag).to_owned()).collect()
+}
+
+fn words(flag: Flag) -> &'static str {
+    match flag {
+        Flag::PressureRiseNotReached => {
+            "pressure is above its 10 % level from the start: t1 is the beat's first sample"
+        }
+        Flag::PressureRiseBeforeBeat => "the 10 % level lies below the pressure at time zero: t1 lies before the beat",
+        Flag::PressureFallNotReached => "pressure does not fall to its 10 % level: t3 is the end of the beat",
+        Flag::NoPressurePulse => "pressure has no pulse: no rates before and after a peak",
+        Flag::NoEjection => "volume does not vary",
+        Flag::EjectionTooShort => "ejection has too few samples for tau_VD",
+        Flag::FillingNotRecovered => "volume does not recover to 80 % of the stroke volume: t7 is the end of the beat",
+        Flag::FillingTooShort => "filling has too few samples for tau_VR",
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn given_values_win_and_fill() {
+        let found = Biomarkers { p_max_mmhg: Some(120.0), sv_ml: Some(70.0), ..Biomarkers::default() };
+        let given = Biomarkers { p_max_mmhg: Some(125.0), ptd90_ms: Some(400.0), ..Biomarkers::default() };
+        let merged = overridden(&found, &given);
+        assert_eq!((merged.p_max_mmhg, merged.sv_ml, merged.ptd90_ms), (Some(125.0), Some(70.0), Some(400.0)));
+        assert_eq!(merged.edv_ml, None);
+    }
+}

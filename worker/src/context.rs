@@ -1,0 +1,102 @@
+//! What a task is given beside its specification.
+
+use std::path::{Path, PathBuf};
+
+use cardiotwin_schemas::hash::sha256_hex;
+use cardiotwin_schemas::outcome::Artefact;
+
+use serde::Serialize;
+
+use crate::checkpoint::Checkpoints;
+use crate::error::TaskError;
+use crate::files;
+use crate::progress::ProgressLog;
+use crate::stop::StopFlag;
+
+/// The surroundings of one task.
+#[derive(Debug)]
+pub struct Context {
+    /// Where artefacts go.
+    pub artefacts: Artefacts,
+    /// Threads that may be used; results do not depend on it.
+    pub threads: u32,
+    /// Where reports go.
+    pub progress: ProgressLog,
+    /// Where work in hand is kept.
+    pub checkpoints: Checkpoints,
+    /// Whether to stop.
+    pub stop: StopFlag,
+    /// A file whose existence means that the work is not wanted any more.
+    pub fence: Option<PathBuf>,
+}
+
+impl Context {
+    /// A context in which nothing is reported, kept or interrupted; artefacts go to `directory`.
+    #[must_use]
+    pub fn plain(directory: &Path, threads: u32) -> Self {
+        Self {
+            artefacts: Artefacts::in_directory(directory),
+            threads,
+            progress: ProgressLog::silent(),
+            checkpoints: Checkpoints::none(),
+            stop: StopFlag::default(),
+            fence: None,
+        }
+    }
+
+    /// Keeps work in hand for a later attempt.
+    ///
+    /// # Errors
+    /// [`TaskError::Checkpoint`] when the file system refuses.
+    pub fn keep<T: Serialize>(&self, name: &str, state: &T) -> Result<(), TaskError> {
+        self.checkpoints.save(name, state).map_err(TaskError::Checkpoint)
+    }
+
+    /// Looks whether the work should be left: to be called between steps of at most a few seconds.
+    ///
+    /// # Errors
+    /// [`TaskError::Cancelled`] when stopping was asked for or the attempt was revoked.
+    pub fn check_stop(&self) -> Result<(), TaskError> {
+        if self.stop.is_raised() || self.fence.as_ref().is_some_and(|fence| fence.exists()) {
+            return Err(TaskError::Cancelled);
+        }
+        Ok(())
+    }
+}
+
+/// Files made by a task, each on disk and hashed as soon as it is written.
+#[derive(Debug)]
+pub struct Artefacts {
+    directory: PathBuf,
+    written: Vec<Artefact>,
+}
+
+impl Artefacts {
+    /// Files go to `directory`, which exists.
+    #[must_use]
+    pub fn in_directory(directory: &Path) -> Self {
+        Self { directory: directory.to_owned(), written: Vec::new() }
+    }
+
+    /// Writes `file` with `content` in the role `name`.
+    ///
+    /// # Errors
+    /// [`TaskError::Write`] when the file system refuses.
+    pub fn write(&mut self, name: &str, file: &str, content: &str) -> Result<(), TaskError> {
+        let path = self.directory.join(file);
+        files::write_synced(&path, content.as_bytes()).map_err(|source| TaskError::Write { file: path, source })?;
+        self.written.push(Artefact {
+            name: name.to_owned(),
+            file: file.to_owned(),
+            sha256: sha256_hex(content.as_bytes()),
+            bytes: content.len() as u64,
+        });
+        Ok(())
+    }
+
+    /// What was written so far.
+    #[must_use]
+    pub fn take(&mut self) -> Vec<Artefact> {
+        std::mem::take(&mut self.written)
+    }
+}

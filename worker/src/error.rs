@@ -1,0 +1,244 @@
+//! Why a task failed, and what that asks for.
+
+use std::io;
+use std::path::PathBuf;
+
+use cardiotwin_calibrate::differential_evolution::DifferentialEvolutionError;
+use cardiotwin_schemas::failure::{Failure, FailureClass};
+use cardiotwin_schemas::organ::CELL_PARAMETERS;
+use cardiotwin_schemas::outcome::Ending;
+
+use cardiotwin_models::cell0d::CellError;
+use cardiotwin_models::circulation::CirculationError;
+use cardiotwin_models::circulation::estimate::EstimateError;
+use cardiotwin_models::contraction::ContractionError;
+use cardiotwin_models::ventricle::VentricleError;
+use cardiotwin_signals::resample::ResampleError;
+use cardiotwin_signals::{BiomarkerError, TraceError};
+
+use crate::nodal::NodalError;
+
+/// Why a task did not succeed.
+#[derive(Debug, thiserror::Error)]
+pub enum TaskError {
+    /// An input file cannot be read.
+    #[error("cannot read {role} input {file}")]
+    InputMissing {
+        /// What the file is for.
+        role: String,
+        /// Which file.
+        file: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
+    /// An input file is not the one that the task was planned with.
+    #[error("{role} input {file} has SHA-256 {found}, but the task was planned with {expected}")]
+    InputChanged {
+        /// What the file is for.
+        role: String,
+        /// Which file.
+        file: PathBuf,
+        /// Hash of what lies there now.
+        found: String,
+        /// Hash in the specification.
+        expected: String,
+    },
+    /// A measured trace cannot be used.
+    #[error("{role} trace: {message}")]
+    Measured {
+        /// What the file is for.
+        role: String,
+        /// File, line, what was found and expected.
+        message: String,
+    },
+    /// A measured trace cannot be brought to the common step.
+    #[error("measured trace cannot be resampled")]
+    Resample(#[from] ResampleError),
+    /// Traces give no biomarkers.
+    #[error("no biomarkers")]
+    Biomarkers(#[from] BiomarkerError),
+    /// Something without which no beat can be simulated.
+    #[error("no {what} was measured")]
+    NotMeasured {
+        /// What is missing.
+        what: &'static str,
+        /// What to add.
+        remedy: &'static str,
+    },
+    /// A load or filling pressure cannot be estimated.
+    #[error("a load that the patient file lacks cannot be estimated")]
+    Load(#[from] EstimateError),
+    /// The measured points determine no passive law.
+    #[error("passive state")]
+    PassiveState(#[source] VentricleError),
+    /// The organ refused its parameters.
+    #[error("organ")]
+    Organ(#[source] VentricleError),
+    /// The contraction model refused its parameters.
+    #[error("contraction model")]
+    Contraction(#[source] ContractionError),
+    /// The circulation refused its parameters.
+    #[error("circulation")]
+    Circulation(#[source] CirculationError),
+    /// The 0D cell refused its parameters, or has no periodic beat.
+    #[error("0D cell")]
+    Cell(#[from] CellError),
+    /// A parameter is to be fitted that has no bounds.
+    #[error("parameter `{name}` is to be fitted, but has no bounds")]
+    NoBounds {
+        /// Its name.
+        name: String,
+    },
+    /// A weight for something that is no target.
+    #[error("there is no target `{name}` to weigh")]
+    UnknownWeight {
+        /// Its name.
+        name: String,
+    },
+    /// A target from which no relative difference can be taken.
+    #[error("target {name} = {value} must be positive and finite")]
+    Target {
+        /// Its name.
+        name: &'static str,
+        /// Its value.
+        value: f64,
+    },
+    /// The optimiser refused its settings.
+    #[error("differential evolution")]
+    Optimiser(#[from] DifferentialEvolutionError),
+    /// No parameters within the bounds gave a cell that could be computed.
+    #[error("no cell within the bounds could be computed")]
+    NoCell,
+    /// Work in hand cannot be kept.
+    #[error("cannot write a checkpoint")]
+    Checkpoint(#[source] io::Error),
+    /// The threads could not be started.
+    #[error("cannot start threads")]
+    Threads(#[source] rayon::ThreadPoolBuildError),
+    /// An effect that this version does not have.
+    #[error("there is no effect `{name}` in this version")]
+    UnknownEffect {
+        /// Its name.
+        name: String,
+    },
+    /// A simulated trace is not one: finite states were checked before.
+    #[error("simulated trace")]
+    SimulatedTrace(#[source] TraceError),
+    /// Nodal traces without a median that has biomarkers.
+    #[error("the medians of {n_nodes} nodal traces have no active stress to be characterised")]
+    NoMedian {
+        /// Number of nodes.
+        n_nodes: u64,
+    },
+    /// A file of nodal traces cannot be used.
+    #[error("{file}")]
+    Nodal {
+        /// Which file.
+        file: PathBuf,
+        /// Line and reason.
+        source: NodalError,
+    },
+    /// A parameter that the cell model does not have.
+    #[error("the cell has no parameter `{name}`; it has {}", CELL_PARAMETERS.join(", "))]
+    UnknownParameter {
+        /// The name given.
+        name: String,
+    },
+    /// An artefact cannot be written.
+    #[error("cannot write {file}")]
+    Write {
+        /// Which file.
+        file: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
+    /// Stopping was asked for.
+    #[error("stopped on request")]
+    Cancelled,
+}
+
+impl TaskError {
+    fn class(&self) -> FailureClass {
+        match self {
+            Self::InputMissing { .. }
+            | Self::InputChanged { .. }
+            | Self::Measured { .. }
+            | Self::Resample(_)
+            | Self::Biomarkers(_)
+            | Self::NotMeasured { .. }
+            | Self::Load(_)
+            | Self::PassiveState(_)
+            | Self::UnknownParameter { .. }
+            | Self::NoBounds { .. }
+            | Self::UnknownWeight { .. }
+            | Self::Target { .. }
+            | Self::Optimiser(_) => FailureClass::Input,
+            Self::Organ(_) | Self::Contraction(_) | Self::Circulation(_) | Self::UnknownEffect { .. } => {
+                FailureClass::Input
+            }
+            Self::Cell(error) => match error {
+                CellError::Parameter { .. } | CellError::Contraction(_) | CellError::Calcium(_) => FailureClass::Input,
+                _ => FailureClass::Numerics,
+            },
+            Self::NoMedian { .. } | Self::SimulatedTrace(_) | Self::NoCell => FailureClass::Numerics,
+            Self::Nodal { .. } => FailureClass::Bug,
+            Self::Write { .. } | Self::Checkpoint(_) | Self::Threads(_) | Self::Cancelled => FailureClass::Site,
+        }
+    }
+
+    fn remedy(&self) -> Option<&'static str> {
+        match self {
+            Self::InputMissing { .. } => Some("put the file back, or run again so that the task is planned anew"),
+            Self::InputChanged { .. } => {
+                Some("the file was edited after planning: run again, so that the task is planned with the new content")
+            }
+            Self::NotMeasured { remedy, .. } => Some(remedy),
+            Self::Load(_) => Some("correct the arterial pressures, or give [afterload] and [preload]"),
+            Self::PassiveState(_) => Some("correct end-diastolic pressure and volume, wall volume or diastasis"),
+            Self::Measured { .. } | Self::Resample(_) | Self::Biomarkers(_) => {
+                Some("`cardiotwin check` tells all that is wrong with the data")
+            }
+            Self::UnknownEffect { .. } => Some("use a version that has it, or remove it from the patient's model"),
+            Self::Organ(_) | Self::Contraction(_) | Self::Circulation(_) | Self::Cell(_) => {
+                Some("set bounds or start values so that the parameter stays inside the model's range")
+            }
+            Self::NoMedian { .. } | Self::SimulatedTrace(_) => None,
+            Self::NoBounds { .. } => Some("give it bounds in [step2.bounds]"),
+            Self::UnknownWeight { .. } => Some("correct [step2.weights]"),
+            Self::NoCell => Some("move the bounds in [step2.bounds] towards Table A5's"),
+            Self::Optimiser(_) => Some("correct [step2]"),
+            Self::Threads(_) => Some("lower executor.threads, or raise the limit of processes"),
+            Self::Nodal { .. } | Self::UnknownParameter { .. } | Self::Target { .. } => None,
+            Self::Write { .. } | Self::Checkpoint(_) => Some("free space or restore write access, then retry"),
+            Self::Cancelled => None,
+        }
+    }
+
+    /// The ending that this error means.
+    #[must_use]
+    pub fn into_ending(self) -> Ending {
+        match self {
+            Self::Cancelled => Ending::Cancelled,
+            error => Ending::Failed {
+                failure: Failure {
+                    class: error.class(),
+                    message: chain(&error),
+                    remedy: error.remedy().map(ToOwned::to_owned),
+                },
+            },
+        }
+    }
+}
+
+/// An error with its causes, outermost first, on one line.
+#[must_use]
+pub fn chain(error: &dyn std::error::Error) -> String {
+    let mut text = error.to_string();
+    let mut cause = error.source();
+    while let Some(source) = cause {
+        text.push_str(": ");
+        text.push_str(&source.to_string());
+        cause = source.source();
+    }
+    text
+}

@@ -1,0 +1,22 @@
+//! TaskSpec in, TaskOutcome out: the one place where specifications become solver types.
+//!
+//! [`run::run_attempt`] is a worker process's whole life: claim an attempt's directory, do the task, publish the
+//! outcome. [`tasks::run_task`] is the task alone.
+
+pub mod attempt;
+pub mod bench;
+pub mod biomarkers;
+pub mod cell_parameters;
+pub mod checkpoint;
+pub mod clock;
+pub mod context;
+pub mod error;
+pub mod files;
+pub mod inputs;
+pub mod nodal;
+pub mod process;
+pub mod progress;
+pub mod provenance;
+pub mod run;
+pub mod stop;
+pub mod tasks;

@@ -1,0 +1,119 @@
+//! `cardiotwin-worker`: does one task, or measures the kernels.
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use anyhow::Context as _;
+use cardiotwin_schemas::task::TaskSpec;
+use cardiotwin_worker::attempt::AttemptError;
+use cardiotwin_worker::bench;
+use cardiotwin_worker::provenance::VERSION_TEXT;
+use cardiotwin_worker::run::{run_attempt, simulate};
+use cardiotwin_worker::stop::StopFlag;
+use clap::{Parser, Subcommand, ValueEnum};
+use tracing::Level;
+
+/// Nothing was published, for a reason other than the two below.
+const EXIT_FAILED: u8 = 1;
+/// The attempt was claimed before.
+const EXIT_CLAIMED: u8 = 3;
+/// The attempt was revoked.
+const EXIT_FENCED: u8 = 4;
+
+#[derive(Parser)]
+#[command(name = "cardiotwin-worker", version = VERSION_TEXT, about = "Does one task of a cardiotwin run")]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// Claim the attempt in a directory, do its task and publish outcome.json
+    Run {
+        /// Directory with spec.json
+        directory: PathBuf,
+        /// Do not repeat progress on stderr
+        #[arg(long)]
+        quiet: bool,
+    },
+    /// Do one task without claim or fence; the outcome goes to stdout as JSON
+    Simulate {
+        /// File with a task's specification in JSON
+        spec: PathBuf,
+        /// Directory for traces; made if it does not exist
+        #[arg(long)]
+        out: PathBuf,
+        /// Threads that may be used
+        #[arg(long, default_value_t = 1)]
+        threads: u32,
+    },
+    /// Measure a kernel: medians after a warm-up
+    Bench {
+        /// Which kernel
+        kernel: Kernel,
+        /// Print JSON
+        #[arg(long)]
+        json: bool,
+    },
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+enum Kernel {
+    /// One beat of the reduced ventricle at 1 ms steps
+    Beat,
+    /// One evaluation of the 0D cell
+    Cell,
+}
+
+fn main() -> ExitCode {
+    match execute(Cli::parse().command) {
+        Ok(code) => code,
+        Err(error) => {
+            eprintln!("error: {error:#}");
+            let code = match error.downcast_ref::<AttemptError>() {
+                Some(AttemptError::Claimed { .. }) => EXIT_CLAIMED,
+                Some(AttemptError::Fenced { .. }) => EXIT_FENCED,
+                _ => EXIT_FAILED,
+            };
+            ExitCode::from(code)
+        }
+    }
+}
+
+fn execute(command: Command) -> anyhow::Result<ExitCode> {
+    let stop = StopFlag::on_signals().context("cannot catch signals")?;
+    match command {
+        Command::Run { directory, quiet } => {
+            log(if quiet { Level::WARN } else { Level::INFO });
+            run_attempt(&directory, &stop, !quiet)?;
+        }
+        Command::Simulate { spec, out, threads } => {
+            log(Level::INFO);
+            let text = std::fs::read_to_string(&spec).with_context(|| format!("cannot read {}", spec.display()))?;
+            let task: TaskSpec = serde_json::from_str(&text)
+                .with_context(|| format!("{}: not the specification of a task", spec.display()))?;
+            std::fs::create_dir_all(&out).with_context(|| format!("cannot make {}", out.display()))?;
+            let outcome = simulate(&task, &out, threads, &stop);
+            println!("{}", serde_json::to_string_pretty(&outcome)?);
+        }
+        Command::Bench { kernel, json } => {
+            let timing = match kernel {
+                Kernel::Beat => serde_json::to_value(bench::beat()?)?,
+                Kernel::Cell => serde_json::to_value(bench::cell()?)?,
+            };
+            if json {
+                println!("{timing}");
+            } else {
+                let entries = timing.as_object().into_iter().flatten();
+                entries.for_each(|(name, value)| println!("{name:<24}{value}"));
+            }
+        }
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+/// Log lines to stderr, which the coordinator keeps beside the outcome.
+fn log(level: Level) {
+    tracing_subscriber::fmt().with_writer(std::io::stderr).with_target(false).with_max_level(level).init();
+}

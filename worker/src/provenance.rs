@@ -1,0 +1,79 @@
+//! How a result was made.
+
+use std::collections::BTreeMap;
+use std::time::Instant;
+
+use cardiotwin_schemas::provenance::Provenance;
+use cardiotwin_schemas::task::{InputFile, TaskSpec};
+
+use crate::{clock, process};
+
+/// Version of the worker.
+pub const VERSION: &str = env!("CARGO_PKG_VERSION");
+
+/// Commit that the worker was built from; none outside a checkout.
+#[must_use]
+pub fn commit() -> Option<&'static str> {
+    Some(env!("CARDIOTWIN_COMMIT")).filter(|commit| !commit.is_empty())
+}
+
+/// Version and commit as one text.
+pub const VERSION_TEXT: &str = env!("CARDIOTWIN_VERSION_TEXT");
+
+/// Beginning of a task, from which its provenance follows at the end.
+#[derive(Debug)]
+pub struct Beginning {
+    started: String,
+    instant: Instant,
+}
+
+impl Beginning {
+    /// Begins now.
+    #[must_use]
+    pub fn now() -> Self {
+        Self { started: clock::now(), instant: Instant::now() }
+    }
+
+    /// What is known at the end of `task`.
+    #[must_use]
+    pub fn provenance(&self, task: &TaskSpec, threads: u32) -> Provenance {
+        Provenance {
+            version: VERSION.to_owned(),
+            commit: commit().map(ToOwned::to_owned),
+            inputs: inputs(task).into_iter().map(|file| (file.name.clone(), file.sha256.clone())).collect(),
+            seed: match task {
+                TaskSpec::CellFit(spec) => Some(spec.seed),
+                _ => None,
+            },
+            threads,
+            ranks: 1,
+            host: process::host(),
+            arithmetic: arithmetic(),
+            started: self.started.clone(),
+            wall_s: self.instant.elapsed().as_secs_f64(),
+            cpu_s: process::cpu_s(),
+            peak_memory_mb: process::peak_memory_mb(),
+        }
+    }
+}
+
+/// The files that a task reads.
+#[must_use]
+pub fn inputs(task: &TaskSpec) -> Vec<&InputFile> {
+    match task {
+        TaskSpec::PassiveState(spec) => spec.pressure.iter().chain(&spec.volume).collect(),
+        TaskSpec::Targets(spec) => vec![&spec.nodal],
+        TaskSpec::OrganBeat(_) | TaskSpec::CellFit(_) | TaskSpec::Noop(_) => Vec::new(),
+    }
+}
+
+/// Instruction set that the kernels were compiled for: results are bit for bit the same only within one.
+fn arithmetic() -> String {
+    let set: BTreeMap<&str, bool> =
+        [("avx2", cfg!(target_feature = "avx2")), ("fma", cfg!(target_feature = "fma"))].into();
+    let extensions: Vec<&str> = set.into_iter().filter_map(|(name, on)| on.then_some(name)).collect();
+    match extensions.as_slice() {
+        [] => format!("{} scalar", std::env::consts::ARCH),
+        list => format!("{} {}", std::env::consts::ARCH, list.join(" ")),
+    }
+}

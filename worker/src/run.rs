@@ -1,0 +1,119 @@
+//! One attempt from claim to outcome, and one task without either.
+
+use std::any::Any;
+use std::panic::{self, AssertUnwindSafe};
+use std::path::Path;
+use std::sync::{Arc, Mutex};
+
+use cardiotwin_schemas::SCHEMA_VERSION;
+use cardiotwin_schemas::failure::{Failure, FailureClass};
+use cardiotwin_schemas::ids::AttemptId;
+use cardiotwin_schemas::outcome::{Ending, TaskOutcome};
+use cardiotwin_schemas::task::TaskSpec;
+
+use crate::attempt::{Attempt, AttemptError};
+use crate::checkpoint::Checkpoints;
+use crate::context::{Artefacts, Context};
+use crate::progress::ProgressLog;
+use crate::provenance::Beginning;
+use crate::stop::StopFlag;
+use crate::tasks::run_task;
+
+/// Claims the attempt in `directory`, does its work and publishes the outcome.
+///
+/// # Errors
+/// [`AttemptError`] when nothing was published; a task that fails is no error but an outcome.
+pub fn run_attempt(directory: &Path, stop: &StopFlag, echo: bool) -> Result<Ending, AttemptError> {
+    let beginning = Beginning::now();
+    let attempt = Attempt::claim(directory)?;
+    let mut context = Context {
+        artefacts: Artefacts::in_directory(directory),
+        threads: attempt.spec.threads.max(1),
+        progress: ProgressLog::in_directory(directory, echo),
+        checkpoints: Checkpoints::of_attempt(directory, &attempt.spec.attempt),
+        stop: stop.clone(),
+        fence: Some(directory.join("fence")),
+    };
+    let task = &attempt.spec.task;
+    let ending = guarded(task.kind(), || run_task(task, &mut context));
+    let outcome = outcome(attempt.spec.attempt.clone(), ending, &attempt.spec.task, &mut context, &beginning);
+    attempt.publish(&outcome)?;
+    Ok(outcome.ending)
+}
+
+/// Does one task without claim, fence or checkpoint; artefacts go to `directory`.
+#[must_use]
+pub fn simulate(task: &TaskSpec, directory: &Path, threads: u32, stop: &StopFlag) -> TaskOutcome {
+    let beginning = Beginning::now();
+    let mut context = Context { stop: stop.clone(), ..Context::plain(directory, threads) };
+    let ending = guarded(task.kind(), || run_task(task, &mut context));
+    outcome(AttemptId { task: task.key(), generation: 0 }, ending, task, &mut context, &beginning)
+}
+
+fn outcome(
+    attempt: AttemptId,
+    ending: Ending,
+    task: &TaskSpec,
+    context: &mut Context,
+    beginning: &Beginning,
+) -> TaskOutcome {
+    let provenance = beginning.provenance(task, context.threads);
+    TaskOutcome { schema_version: SCHEMA_VERSION, attempt, ending, artefacts: context.artefacts.take(), provenance }
+}
+
+/// Runs the task; a panic becomes a failure of class `bug` that names its message and place.
+fn guarded(kind: &str, work: impl FnOnce() -> Ending) -> Ending {
+    let place: Arc<Mutex<Option<String>>> = Arc::default();
+    let seen = Arc::clone(&place);
+    let earlier = panic::take_hook();
+    panic::set_hook(Box::new(move |info| {
+        let location = info.location().map(|location| format!("{}:{}", location.file(), location.line()));
+        eprintln!("defect in the worker: {info}");
+        if let Ok(mut place) = seen.lock() {
+            // The first panic is the cause; others follow from it in other threads.
+            place.get_or_insert(location.unwrap_or_default());
+        }
+    }));
+    let caught = panic::catch_unwind(AssertUnwindSafe(work));
+    panic::set_hook(earlier);
+    caught.unwrap_or_else(|payload| {
+        let place = place.lock().ok().and_then(|mut place| place.take()).unwrap_or_default();
+        let message = format!("{kind} task panicked at {place}: {}", panic_message(payload.as_ref()));
+        let remedy = "please report this with the attempt's spec.json".to_owned();
+        Ending::Failed { failure: Failure { class: FailureClass::Bug, message, remedy: Some(remedy) } }
+    })
+}
+
+fn panic_message(payload: &(dyn Any + Send)) -> String {
+    payload
+        .downcast_ref::<&str>()
+        .map(|text| (*text).to_owned())
+        .or_else(|| payload.downcast_ref::<String>().cloned())
+        .unwrap_or_else(|| "no message".to_owned())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    // One test, since the hook belongs to the whole process.
+    #[test]
+    fn a_panic_is_a_failure_of_class_bug_with_message_and_place() {
+        for text in ["a text", "a made text"] {
+            let ending =
+                guarded("noop", || if text == "a text" { panic!("a text") } else { panic!("a {} text", "made") });
+            let Ending::Failed { failure } = ending else { panic!("{ending:?}") };
+            assert_eq!(failure.class, FailureClass::Bug);
+            assert!(failure.message.starts_with("noop task panicked at worker/src/run.rs:"), "{}", failure.message);
+            assert!(failure.message.ends_with(text), "{}", failure.message);
+        }
+        assert_eq!(guarded("noop", || Ending::Cancelled), Ending::Cancelled);
+
+        let ending = guarded("cell-fit", || {
+            rayon::ThreadPoolBuilder::new().num_threads(2).build().map(|pool| pool.install(|| panic!("far away"))).ok();
+            Ending::Cancelled
+        });
+        let Ending::Failed { failure } = ending else { panic!("{ending:?}") };
+        assert!(failure.message.ends_with("far away"), "{}", failure.message);
+    }
+}

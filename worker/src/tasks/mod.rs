@@ -1,0 +1,29 @@
+//! One conversion from specification to solver types per kind of task.
+
+pub mod cell_fit;
+pub mod noop;
+pub mod organ_beat;
+pub mod passive_state;
+pub mod targets;
+
+use cardiotwin_schemas::outcome::{Ending, TaskResult};
+use cardiotwin_schemas::task::TaskSpec;
+
+use crate::context::Context;
+use crate::error::TaskError;
+
+/// Does the work of `task`. Every way in which it can end is an [`Ending`].
+pub fn run_task(task: &TaskSpec, context: &mut Context) -> Ending {
+    let ending: Result<Ending, TaskError> = match task {
+        TaskSpec::Noop(spec) => noop::run(spec, context).map(succeeded),
+        TaskSpec::PassiveState(spec) => passive_state::run(spec, context).map(succeeded),
+        TaskSpec::OrganBeat(spec) => organ_beat::run(spec, context),
+        TaskSpec::Targets(spec) => targets::run(spec, context).map(succeeded),
+        TaskSpec::CellFit(spec) => cell_fit::run(spec, context).map(succeeded),
+    };
+    ending.unwrap_or_else(TaskError::into_ending)
+}
+
+fn succeeded(result: TaskResult) -> Ending {
+    Ending::Succeeded { result: Box::new(result) }
+}

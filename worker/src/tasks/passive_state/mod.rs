@@ -1,0 +1,203 @@
+//! Step 0: what all simulations of a patient share, from what was measured; what was not is estimated and flagged.
+
+pub(crate) mod estimates;
+mod onset;
+
+use cardiotwin_models::ventricle::{DiastasisPoint, OneFibrePassive, PassiveStateInput, PassiveStateMode};
+use cardiotwin_schemas::organ::{ActivationSpec, CirculationSpec, OrganSpec};
+use cardiotwin_schemas::outcome::{Estimate, PassiveStateResult, TaskResult};
+use cardiotwin_schemas::settings::StartMode;
+use cardiotwin_schemas::task::PassiveStateSpec;
+use cardiotwin_schemas::{biomarkers as files, organ};
+use cardiotwin_signals::resample::STEP;
+use cardiotwin_signals::{BiomarkerSet, Continuation, Quantity, Trace, resample};
+use cardiotwin_units::{Ml, Mmhg, Ms};
+
+use crate::biomarkers;
+use crate::context::Context;
+use crate::error::TaskError;
+use crate::inputs::read_trace;
+
+/// What was measured, brought to the common step of 1 ms.
+struct Measurements {
+    pressure: Option<Trace>,
+    volume: Option<Trace>,
+    set: BiomarkerSet,
+    /// Of the traces, with what was given directly in their place.
+    biomarkers: files::Biomarkers,
+}
+
+/// Volumes and pressures at end-diastole, in mL and mmHg.
+#[derive(Clone, Copy)]
+struct EndDiastole {
+    volume_ml: f64,
+    pressure_mmhg: f64,
+}
+
+/// Fits the passive state and gathers loads and measured biomarkers.
+///
+/// # Errors
+/// [`TaskError`] when files are not as planned, or when what was measured does not determine a beat.
+pub fn run(spec: &PassiveStateSpec, context: &mut Context) -> Result<TaskResult, TaskError> {
+    context.check_stop()?;
+    let mut estimates = Vec::new();
+    let mut measured = Measurements::read(spec)?;
+    let mut remarks = biomarkers::remarks(&measured.set);
+    let end_diastole = measured.end_diastole(spec, &mut estimates)?;
+    measured.biomarkers.edv_ml = Some(end_diastole.volume_ml);
+    measured.biomarkers.edp_mmhg = Some(end_diastole.pressure_mmhg);
+
+    let wall_volume_ml = spec.wall_volume_ml.unwrap_or_else(|| estimates::wall_volume(end_diastole, &mut estimates));
+    let (law, diastasis) = passive_law(spec, &measured, end_diastole, wall_volume_ml)?;
+    if diastasis.is_some()
+        && !law.exponent_fitted
+        && spec.passive_exponent.is_none()
+        && spec.start != StartMode::Diastasis
+    {
+        remarks.push("no passive law passes through the diastasis point: the exponent is the default".to_owned());
+    }
+    let activation = activation(spec, &measured, &mut estimates);
+    let circulation = circulation(spec, &measured, end_diastole, &mut estimates)?;
+    let passive = organ::OneFibrePassive {
+        wall_volume_ml,
+        unloaded_volume_ml: law.unloaded_volume.0,
+        end_diastolic_volume_ml: law.end_diastolic_volume.0,
+        end_diastolic_pressure_mmhg: end_diastole.pressure_mmhg,
+        stiffness_kpa: law.stiffness.0,
+        exponent: law.exponent,
+    };
+    Ok(TaskResult::PassiveState(PassiveStateResult {
+        organ: OrganSpec::Reduced { passive, activation },
+        circulation,
+        measured: measured.biomarkers,
+        time_points: biomarkers::to_schema(&measured.set).1,
+        estimates,
+        diastasis_volume_error_ml: diastasis
+            .and_then(|point| volume_at(&law, point.pressure).map(|volume| volume - point.volume.0)),
+        remarks,
+    }))
+}
+
+impl Measurements {
+    fn read(spec: &PassiveStateSpec) -> Result<Self, TaskError> {
+        let periodic = Continuation::periodic(Ms(spec.cycle_length_ms));
+        let read = |input: &Option<_>, quantity| -> Result<Option<Trace>, TaskError> {
+            let trace = input.as_ref().map(|file| read_trace(file, quantity)).transpose()?;
+            trace.map(|trace| resample(&trace, periodic, STEP)).transpose().map_err(TaskError::from)
+        };
+        let pressure = read(&spec.pressure, Quantity::Pressure)?;
+        let volume = read(&spec.volume, Quantity::Volume)?;
+        let set = BiomarkerSet::of_samples(pressure.as_ref(), volume.as_ref(), periodic)?;
+        let biomarkers = biomarkers::overridden(&biomarkers::to_schema(&set).0, &spec.biomarkers);
+        Ok(Self { pressure, volume, set, biomarkers })
+    }
+
+    fn end_diastole(&self, spec: &PassiveStateSpec, estimates: &mut Vec<Estimate>) -> Result<EndDiastole, TaskError> {
+        let pressure = spec.end_diastolic_pressure_mmhg.or(self.biomarkers.edp_mmhg);
+        let pressure_mmhg = pressure.ok_or(TaskError::NotMeasured {
+            what: "end-diastolic pressure",
+            remedy: "give `end_diastolic_pressure_mmHg` in [measured], or a pressure trace",
+        })?;
+        let volume = self.biomarkers.edv_ml.or(spec.end_diastolic_volume_ml);
+        let volume_ml = match (volume, spec.diastasis_volume_ml) {
+            (Some(volume), _) => volume,
+            (None, Some(image)) => {
+                let method = "volume of the whole-heart image, for lack of a volume at end-diastole".to_owned();
+                let key = "measured.end_diastolic_volume_mL".to_owned();
+                estimates.push(Estimate { key, value: image, method });
+                image
+            }
+            (None, None) => {
+                return Err(TaskError::NotMeasured {
+                    what: "end-diastolic volume",
+                    remedy: "give `end_diastolic_volume_mL` in [measured], a volume trace or [measured.diastasis]",
+                });
+            }
+        };
+        Ok(EndDiastole { volume_ml, pressure_mmhg })
+    }
+}
+
+/// The law through the measured points, and the diastasis point where there is one.
+fn passive_law(
+    spec: &PassiveStateSpec,
+    measured: &Measurements,
+    end_diastole: EndDiastole,
+    wall_volume_ml: f64,
+) -> Result<(OneFibrePassive, Option<DiastasisPoint>), TaskError> {
+    let pressure = measured.pressure.as_ref().zip(spec.diastasis_time_ms).map(|(trace, time)| trace.at(time));
+    let known = spec.diastasis_volume_ml.zip(pressure);
+    let mut diastasis = known.map(|(volume, pressure)| DiastasisPoint { volume: Ml(volume), pressure: Mmhg(pressure) });
+    let mode = match spec.start {
+        StartMode::EndDiastole => PassiveStateMode::EndDiastole,
+        StartMode::Diastasis => {
+            // This start needs the image's volume alone: the pressure then is the end-diastolic one.
+            diastasis = diastasis.or(spec
+                .diastasis_volume_ml
+                .map(|volume| DiastasisPoint { volume: Ml(volume), pressure: Mmhg(end_diastole.pressure_mmhg) }));
+            PassiveStateMode::Diastasis
+        }
+    };
+    let mut law = OneFibrePassive::fit(&PassiveStateInput {
+        end_diastolic_volume: Ml(end_diastole.volume_ml),
+        end_diastolic_pressure: Mmhg(end_diastole.pressure_mmhg),
+        diastasis,
+        wall_volume: Ml(wall_volume_ml),
+        mode,
+    })
+    .map_err(TaskError::PassiveState)?;
+    if let Some(exponent) = spec.passive_exponent {
+        law.exponent = exponent;
+        law.exponent_fitted = false;
+        // Pressure is proportional to the stiffness: one evaluation sets the law through the end-diastolic point.
+        law.stiffness = law.stiffness * (end_diastole.pressure_mmhg / law.pressure(law.end_diastolic_volume).0);
+    }
+    Ok((law, diastasis))
+}
+
+/// Volume at which the law has this pressure; none where it lies outside the law's range.
+fn volume_at(law: &OneFibrePassive, pressure: Mmhg) -> Option<f64> {
+    let (mut lower, mut upper) = (law.unloaded_volume.0, 1.5 * law.end_diastolic_volume.0);
+    if !(pressure.0 >= 0.0 && law.pressure(Ml(upper)).0 >= pressure.0) {
+        return None;
+    }
+    for _ in 0..60 {
+        let middle = 0.5 * (lower + upper);
+        if law.pressure(Ml(middle)).0 < pressure.0 { lower = middle } else { upper = middle }
+    }
+    Some(0.5 * (lower + upper))
+}
+
+fn activation(spec: &PassiveStateSpec, measured: &Measurements, estimates: &mut Vec<Estimate>) -> ActivationSpec {
+    let settings = spec.activation;
+    let onset_ms = settings.onset_ms.unwrap_or_else(|| {
+        let found = measured.pressure.as_ref().and_then(|trace| onset::from_upstroke(trace, settings.spread_ms));
+        let (value, method) = match found {
+            Some(onset) => (onset, "measured pressure upstroke less electromechanical delay and half the spread"),
+            None => (onset::ONSET_WITHOUT_TRACE_MS, "usual place, for lack of a pressure trace"),
+        };
+        estimates.push(Estimate { key: "solver.activation.onset_ms".to_owned(), value, method: method.to_owned() });
+        value
+    });
+    ActivationSpec { spread_ms: settings.spread_ms, groups: settings.groups, onset_ms }
+}
+
+fn circulation(
+    spec: &PassiveStateSpec,
+    measured: &Measurements,
+    end_diastole: EndDiastole,
+    estimates: &mut Vec<Estimate>,
+) -> Result<CirculationSpec, TaskError> {
+    let loads = estimates::Loads::new(spec, measured, end_diastole);
+    let afterload = match spec.afterload {
+        Some(afterload) => afterload,
+        None => loads.afterload(estimates)?,
+    };
+    let left_atrial_pressure_mmhg = match spec.left_atrial_pressure_mmhg {
+        Some(pressure) => pressure,
+        None => loads.left_atrial_pressure(estimates)?,
+    };
+    let initial_windkessel_pressure_mmhg =
+        spec.aortic_diastolic_mmhg.unwrap_or_else(|| loads.periodic_windkessel_pressure(&afterload));
+    Ok(CirculationSpec { afterload, initial_windkessel_pressure_mmhg, left_atrial_pressure_mmhg, effects: Vec::new() })
+}

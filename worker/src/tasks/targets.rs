@@ -1,0 +1,59 @@
+//! Step 2's targets: medians over nodes, aligned by activation time, and their biomarkers.
+//!
+//! Artefact: `median.csv` (`time_ms,Sa_kPa,Ca_uM,lambda`, the calcium column only where the contraction model has one).
+
+use std::fmt::Write as _;
+
+use cardiotwin_models::cell0d::ActiveStressBiomarkers;
+use cardiotwin_models::median_traces::MedianTraces;
+use cardiotwin_schemas::biomarkers::CellBiomarkers;
+use cardiotwin_schemas::outcome::{TargetsResult, TaskResult};
+use cardiotwin_schemas::task::TargetsSpec;
+
+use crate::context::Context;
+use crate::error::TaskError;
+use crate::inputs::read_verified;
+use crate::nodal::{self, NodalBeat, NodalError, number};
+
+/// Reads nodal traces and gives the biomarkers of their medians.
+///
+/// # Errors
+/// [`TaskError`] when the file is not as planned, or its traces have no biomarkers.
+pub fn run(spec: &TargetsSpec, context: &mut Context) -> Result<TaskResult, TaskError> {
+    context.check_stop()?;
+    let bytes = read_verified(&spec.nodal)?;
+    let refused = |source: NodalError| TaskError::Nodal { file: spec.nodal.path.clone(), source };
+    let NodalBeat { beat, has_calcium } = nodal::from_csv(&String::from_utf8_lossy(&bytes)).map_err(refused)?;
+    let n_nodes = beat.nodes.as_ref().map_or(0, |nodes| nodes.n_nodes) as u64;
+    let median = MedianTraces::of(&beat).ok_or(TaskError::NoMedian { n_nodes })?;
+    let biomarkers = median.biomarkers().filter(|biomarkers| biomarkers.sa_max_kpa > 0.0);
+    let targets = to_schema(&biomarkers.ok_or(TaskError::NoMedian { n_nodes })?);
+    context.artefacts.write("median", "median.csv", &median_csv(&median, has_calcium))?;
+    let lambda_0 = median.lambda[0];
+    Ok(TaskResult::Targets(TargetsResult { lambda_0, targets, n_nodes }))
+}
+
+/// The biomarkers that step 2 aims at, in the form of files.
+#[must_use]
+pub fn to_schema(biomarkers: &ActiveStressBiomarkers) -> CellBiomarkers {
+    CellBiomarkers {
+        sa_max_kpa: biomarkers.sa_max_kpa,
+        dsadt_max_kpa_per_ms: biomarkers.dsadt_max_kpa_per_ms,
+        std30_ms: biomarkers.std30_ms,
+        std50_ms: biomarkers.std50_ms,
+        std90_ms: biomarkers.std90_ms,
+        lambda_min: biomarkers.lambda_min,
+    }
+}
+
+fn median_csv(median: &MedianTraces, has_calcium: bool) -> String {
+    let mut text = if has_calcium { "time_ms,Sa_kPa,Ca_uM,lambda\n" } else { "time_ms,Sa_kPa,lambda\n" }.to_owned();
+    for (idx, time) in median.time_ms.iter().enumerate() {
+        let _ = write!(text, "{},{}", number(*time), number(median.sa_kpa[idx]));
+        if has_calcium {
+            let _ = write!(text, ",{}", number(median.ca_um[idx]));
+        }
+        let _ = writeln!(text, ",{}", number(median.lambda[idx]));
+    }
+    text
+}

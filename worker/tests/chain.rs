@@ -1,0 +1,133 @@
+//! One patient from measured traces to the verification beat, task by task, in this process.
+
+mod support;
+
+use cardiotwin_schemas::organ::{ContractionSpec, OrganSpec};
+use cardiotwin_schemas::outcome::{Ending, TaskResult};
+use cardiotwin_schemas::settings::{CellFitSettings, Step1Settings};
+use cardiotwin_schemas::task::TaskSpec;
+use cardiotwin_worker::context::Context;
+use cardiotwin_worker::nodal;
+use cardiotwin_worker::tasks::run_task;
+
+/// A fit that ends soon: the chain is tested here, the optimum in the benchmarks.
+fn short_fit() -> CellFitSettings {
+    CellFitSettings { popsize: 3, max_generations: 5, polish: false, ..CellFitSettings::default() }
+}
+
+#[test]
+fn traces_become_a_verified_cell() {
+    let scratch = tempfile::tempdir().unwrap();
+    let mut context = Context::plain(scratch.path(), 1);
+    let step0 = support::step0("07-CoA");
+    let state = support::passive_state(&step0, &mut context);
+    let OrganSpec::Reduced { passive, .. } = &state.organ;
+    assert!(passive.unloaded_volume_ml < passive.end_diastolic_volume_ml);
+    assert!(state.diastasis_volume_error_ml.unwrap().abs() < 0.1, "{:?}", state.diastasis_volume_error_ml);
+    assert_eq!(state.circulation.initial_windkessel_pressure_mmhg, step0.aortic_diastolic_mmhg.unwrap());
+    let estimated: Vec<&str> = state.estimates.iter().map(|estimate| estimate.key.as_str()).collect();
+    assert_eq!(estimated, ["solver.activation.onset_ms"], "the patient file gives everything else");
+
+    let (iterations, best, how) =
+        support::step1(step0.cycle_length_ms, &state, &Step1Settings::default(), &mut context);
+    let best = &iterations[best.unwrap()];
+    assert!(iterations.len() <= 4 && best.cost <= 0.1, "{how}: {} iterations, cost {}", iterations.len(), best.cost);
+    let beat = best.result.as_ref().unwrap();
+    assert!(!beat.periodic && beat.beats == 1);
+    assert!((0.75..0.9).contains(&beat.lambda_min), "{}", beat.lambda_min);
+    assert!((0.0..20.0).contains(&beat.biomarkers.end_of_beat_gap_ml.unwrap()));
+    let traces = std::fs::read_to_string(scratch.path().join("traces.csv")).unwrap();
+    assert_eq!(traces.lines().count() as f64, step0.cycle_length_ms + 2.0, "header and one row a millisecond");
+
+    let targets = support::targets(scratch.path(), &mut context);
+    assert!((targets.lambda_0 - 1.0).abs() < 0.01 && targets.n_nodes == 16);
+    let median = std::fs::read_to_string(scratch.path().join("median.csv")).unwrap();
+    assert!(median.starts_with("time_ms,Sa_kPa,lambda\n"), "Tanh has no calcium");
+
+    let fit = support::cell_fit_spec(step0.cycle_length_ms, &targets, short_fit());
+    let TaskResult::CellFit(fit) = support::succeed(&TaskSpec::CellFit(Box::new(fit)), &mut context) else {
+        panic!("not a cell fit")
+    };
+    assert_eq!((fit.generations, fit.evaluations), (5, 180));
+    assert!((fit.cost_terms.values().sum::<f64>() - fit.cost).abs() < 1e-9 * fit.cost);
+    let convergence = std::fs::read_to_string(scratch.path().join("convergence.csv")).unwrap();
+    assert_eq!(convergence.lines().count(), 7, "header, first population, five generations");
+
+    let spec = support::beat_spec(step0.cycle_length_ms, &state, &best.parameters, support::fitted_contraction(&fit));
+    let TaskResult::OrganBeat(verified) = support::succeed(&TaskSpec::OrganBeat(Box::new(spec)), &mut context) else {
+        panic!("not a beat")
+    };
+    assert_eq!(verified.failed_check(), None);
+    let text = std::fs::read_to_string(scratch.path().join("nodal.csv")).unwrap();
+    assert!(nodal::from_csv(&text).unwrap().has_calcium);
+}
+
+#[test]
+fn what_a_patient_lacks_is_estimated_and_said() {
+    let scratch = tempfile::tempdir().unwrap();
+    let mut context = Context::plain(scratch.path(), 1);
+    let full = support::step0("07-CoA");
+    let known = support::passive_state(&full, &mut context);
+    let mut spec = full.clone();
+    spec.wall_volume_ml = None;
+    spec.afterload = None;
+    spec.left_atrial_pressure_mmhg = None;
+    let state = support::passive_state(&spec, &mut context);
+    assert_eq!(state.estimates.len(), 6, "{:?}", state.estimates);
+    let ratio = |found: f64, known: f64| found / known;
+    let (found, given) = (&state.circulation, &known.circulation);
+    let resistance =
+        ratio(found.afterload.peripheral_resistance_mmhg_s_per_ml, given.afterload.peripheral_resistance_mmhg_s_per_ml);
+    let compliance = ratio(found.afterload.compliance_ml_per_mmhg, given.afterload.compliance_ml_per_mmhg);
+    assert!((0.8..1.25).contains(&resistance) && (0.6..1.6).contains(&compliance), "{resistance} {compliance}");
+    assert!(found.left_atrial_pressure_mmhg <= full.end_diastolic_pressure_mmhg.unwrap());
+    assert!((found.left_atrial_pressure_mmhg - given.left_atrial_pressure_mmhg).abs() < 3.0);
+
+    // A patient so completed can be simulated.
+    let parameters = Default::default();
+    let contraction = ContractionSpec::Tanh { parameters: Default::default() };
+    let beat = support::beat_spec(spec.cycle_length_ms, &state, &parameters, contraction);
+    let TaskResult::OrganBeat(result) = support::succeed(&TaskSpec::OrganBeat(Box::new(beat)), &mut context) else {
+        panic!("not a beat")
+    };
+    assert_eq!(result.failed_check(), None);
+}
+
+#[test]
+fn pressure_alone_is_enough_where_a_volume_is_given() {
+    let scratch = tempfile::tempdir().unwrap();
+    let mut context = Context::plain(scratch.path(), 1);
+    let mut spec = support::step0("07-CoA");
+    spec.volume = None;
+    let task = TaskSpec::PassiveState(Box::new(spec.clone()));
+    let image = spec.diastasis_volume_ml.unwrap();
+    let TaskResult::PassiveState(state) = support::succeed(&task, &mut context) else { panic!("not step 0") };
+    assert_eq!(state.measured.edv_ml, Some(image));
+    assert!(state.measured.tau_vd_ms.is_none() && state.measured.p_max_mmhg.is_some());
+
+    spec.diastasis_volume_ml = None;
+    let Ending::Failed { failure } = run_task(&TaskSpec::PassiveState(Box::new(spec.clone())), &mut context) else {
+        panic!("no volume at all must fail")
+    };
+    assert!(failure.message.contains("end-diastolic volume") && failure.remedy.is_some(), "{failure:?}");
+
+    spec.end_diastolic_volume_ml = Some(120.0);
+    let state = support::passive_state(&spec, &mut context);
+    assert_eq!(state.measured.edv_ml, Some(120.0));
+}
+
+#[test]
+fn several_beats_become_periodic_and_leave_no_gap() {
+    let scratch = tempfile::tempdir().unwrap();
+    let mut context = Context::plain(scratch.path(), 1);
+    let step0 = support::step0("02-CoA");
+    let state = support::passive_state(&step0, &mut context);
+    let contraction = ContractionSpec::Tanh { parameters: Default::default() };
+    let mut beat = support::beat_spec(step0.cycle_length_ms, &state, &Default::default(), contraction);
+    beat.beats = cardiotwin_schemas::organ::BeatCount::Periodic { max: 40, tolerance: 0.05 };
+    let TaskResult::OrganBeat(result) = support::succeed(&TaskSpec::OrganBeat(Box::new(beat)), &mut context) else {
+        panic!("not a beat")
+    };
+    assert!(result.periodic && result.beats > 2, "{} beats", result.beats);
+    assert_eq!(result.biomarkers.end_of_beat_gap_ml, None, "a periodic simulation has its own end-diastolic volume");
+}

@@ -1,0 +1,149 @@
+//! The cell fit gives the same numbers however often it is interrupted and on however many threads it runs.
+
+mod support;
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+
+use cardiotwin_schemas::SCHEMA_VERSION;
+use cardiotwin_schemas::biomarkers::CellBiomarkers;
+use cardiotwin_schemas::ids::AttemptId;
+use cardiotwin_schemas::outcome::{Ending, TargetsResult, TaskOutcome, TaskResult};
+use cardiotwin_schemas::settings::CellFitSettings;
+use cardiotwin_schemas::task::{AttemptSpec, TaskSpec};
+use cardiotwin_worker::checkpoint::Checkpoints;
+use cardiotwin_worker::context::{Artefacts, Context};
+use cardiotwin_worker::progress::ProgressLog;
+use cardiotwin_worker::run::run_attempt;
+use cardiotwin_worker::stop::StopFlag;
+use cardiotwin_worker::tasks::run_task;
+
+fn fit(settings: CellFitSettings) -> TaskSpec {
+    let targets = CellBiomarkers {
+        sa_max_kpa: 58.0,
+        dsadt_max_kpa_per_ms: 0.9,
+        std30_ms: 260.0,
+        std50_ms: 320.0,
+        std90_ms: 398.0,
+        lambda_min: 0.835,
+    };
+    let targets = TargetsResult { lambda_0: 1.0, targets, n_nodes: 16 };
+    TaskSpec::CellFit(Box::new(support::cell_fit_spec(852.0, &targets, settings)))
+}
+
+/// A fit of a second or less: first population, eight generations, polish.
+fn short() -> TaskSpec {
+    fit(CellFitSettings { popsize: 2, max_generations: 8, ..CellFitSettings::default() })
+}
+
+fn result(ending: Ending) -> TaskResult {
+    match ending {
+        Ending::Succeeded { result } => *result,
+        ending => panic!("{ending:?}"),
+    }
+}
+
+fn uninterrupted(task: &TaskSpec, threads: u32) -> (TaskResult, String) {
+    let scratch = tempfile::tempdir().unwrap();
+    let result = result(run_task(task, &mut Context::plain(scratch.path(), threads)));
+    (result, fs::read_to_string(scratch.path().join("convergence.csv")).unwrap())
+}
+
+fn attempt_directory(root: &Path, task: &TaskSpec, generation: u32, threads: u32) -> PathBuf {
+    let key = task.key();
+    let directory = root.join(format!("{}-g{generation}", &key.0[..16]));
+    fs::create_dir_all(&directory).unwrap();
+    let attempt = AttemptId { task: key, generation };
+    let spec = AttemptSpec { schema_version: SCHEMA_VERSION, attempt, threads, task: task.clone() };
+    fs::write(directory.join("spec.json"), serde_json::to_string(&spec).unwrap()).unwrap();
+    directory
+}
+
+#[test]
+fn the_number_of_threads_does_not_change_a_bit() {
+    assert_eq!(uninterrupted(&short(), 1), uninterrupted(&short(), 2));
+}
+
+#[test]
+fn a_fit_stopped_after_every_batch_ends_as_one_that_was_not() {
+    let task = short();
+    let expected = uninterrupted(&task, 1);
+    let root = tempfile::tempdir().unwrap();
+    let mut stopped = 0;
+    // Each attempt does one batch, since it is asked to stop from the beginning; the tenth and last may go on.
+    for generation in 1..=10 {
+        let directory = attempt_directory(root.path(), &task, generation, 1);
+        let stop = StopFlag::default();
+        if generation < 10 {
+            stop.raise();
+        }
+        match run_attempt(&directory, &stop, false).unwrap() {
+            Ending::Cancelled => stopped += 1,
+            ending => {
+                let convergence = fs::read_to_string(directory.join("convergence.csv")).unwrap();
+                assert_eq!((result(ending), convergence), expected);
+            }
+        }
+    }
+    assert_eq!(stopped, 9);
+}
+
+#[test]
+fn a_damaged_checkpoint_costs_time_but_no_digits() {
+    let task = short();
+    let root = tempfile::tempdir().unwrap();
+    let first = attempt_directory(root.path(), &task, 1, 1);
+    let stop = StopFlag::default();
+    stop.raise();
+    assert_eq!(run_attempt(&first, &stop, false).unwrap(), Ending::Cancelled);
+    let file = first.join("checkpoint/differential-evolution.json");
+    let text = fs::read_to_string(&file).unwrap();
+    fs::write(&file, text.replace("0.5", "0.6")).unwrap();
+    let second = attempt_directory(root.path(), &task, 2, 1);
+    let mut context = Context {
+        artefacts: Artefacts::in_directory(&second),
+        checkpoints: Checkpoints::of_attempt(&second, &AttemptId { task: task.key(), generation: 2 }),
+        progress: ProgressLog::silent(),
+        ..Context::plain(&second, 1)
+    };
+    assert_eq!(result(run_task(&task, &mut context)), uninterrupted(&task, 1).0);
+}
+
+#[test]
+fn a_killed_fit_is_continued_by_the_next_generation() {
+    let task = fit(CellFitSettings { popsize: 15, max_generations: 30, polish: false, ..CellFitSettings::default() });
+    let root = tempfile::tempdir().unwrap();
+    let first = attempt_directory(root.path(), &task, 1, 1);
+    let mut child = spawn(&first);
+    let checkpoint = first.join("checkpoint/differential-evolution.json");
+    wait_for(|| checkpoint.exists(), &mut child);
+    child.kill().unwrap();
+    child.wait().unwrap();
+    assert!(!first.join("outcome.json").exists(), "the fit ended before it could be killed");
+
+    let second = attempt_directory(root.path(), &task, 2, 2);
+    let output = spawn(&second).wait_with_output().unwrap();
+    assert_eq!(output.status.code(), Some(0));
+    let log = String::from_utf8_lossy(&output.stderr);
+    assert!(log.contains("continuing the fit of an earlier attempt"), "{log}");
+    let outcome: TaskOutcome = serde_json::from_slice(&fs::read(second.join("outcome.json")).unwrap()).unwrap();
+    assert_eq!(outcome.provenance.seed, Some(1));
+    assert_eq!(outcome.artefacts.len(), 2);
+    assert_eq!(result(outcome.ending), uninterrupted(&task, 1).0);
+}
+
+fn spawn(directory: &Path) -> Child {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_cardiotwin-worker"));
+    command.arg("run").arg(directory).stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap()
+}
+
+fn wait_for(condition: impl Fn() -> bool, child: &mut Child) {
+    let begin = Instant::now();
+    while !condition() {
+        assert!(begin.elapsed() < Duration::from_secs(60), "nothing happened");
+        assert!(child.try_wait().unwrap().is_none(), "the worker ended early");
+        std::thread::sleep(Duration::from_millis(2));
+    }
+}

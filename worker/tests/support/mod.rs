@@ -1,0 +1,213 @@
+//! A patient of the bundled cohort as tasks, and step 1 by hand: shared by tests and the `step1_seven` example.
+#![allow(dead_code, missing_docs)]
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use cardiotwin_calibrate::fixed_point::{self, Bounds, Decision, History, Outcome, Parameter};
+use cardiotwin_schemas::biomarkers::Biomarkers;
+use cardiotwin_schemas::hash::sha256_hex;
+use cardiotwin_schemas::organ::{BeatCount, ContractionSpec, Step1Parameters};
+use cardiotwin_schemas::outcome::{
+    CellFitResult, Ending, OrganBeatResult, PassiveStateResult, TargetsResult, TaskResult,
+};
+use cardiotwin_schemas::patient::PatientFile;
+use cardiotwin_schemas::settings::{
+    ActivationSettings, CellFitSettings, SolverSettings, StartMode, Step1Settings, StopRule,
+};
+use cardiotwin_schemas::task::{CellFitSpec, InputFile, OrganBeatSpec, PassiveStateSpec, TargetsSpec, TaskSpec};
+use cardiotwin_worker::context::Context;
+use cardiotwin_worker::tasks::run_task;
+
+pub const PATIENTS: [&str; 7] = ["01-CoA", "02-CoA", "03-CoA", "04-CoA", "05-CoA", "06-CoA", "07-CoA"];
+
+pub fn patient_folder(id: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../examples/coa-seven/patients").join(id)
+}
+
+/// A file with its present content as a task's input.
+pub fn input(name: &str, path: &Path) -> InputFile {
+    let sha256 = sha256_hex(&std::fs::read(path).unwrap_or_else(|error| panic!("{}: {error}", path.display())));
+    InputFile { name: name.to_owned(), path: path.to_owned(), sha256 }
+}
+
+/// Step 0 of a patient of the cohort.
+pub fn step0(id: &str) -> PassiveStateSpec {
+    let folder = patient_folder(id);
+    let text = std::fs::read_to_string(folder.join("patient.toml")).unwrap();
+    let file: PatientFile = toml::from_str(&text).unwrap();
+    let measured = &file.measured;
+    PassiveStateSpec {
+        cycle_length_ms: file.cycle_length_ms,
+        pressure: measured.pressure.as_ref().map(|name| input("pressure", &folder.join(name))),
+        volume: measured.volume.as_ref().map(|name| input("volume", &folder.join(name))),
+        biomarkers: measured.biomarkers.unwrap_or_default(),
+        end_diastolic_pressure_mmhg: measured.end_diastolic_pressure_mmhg,
+        end_diastolic_volume_ml: measured.end_diastolic_volume_ml,
+        diastasis_time_ms: measured.diastasis.as_ref().map(|image| image.time_ms),
+        diastasis_volume_ml: measured.diastasis.as_ref().map(|image| image.volume_ml),
+        aortic_systolic_mmhg: measured.aortic_pressure.as_ref().map(|aorta| aorta.systolic_mmhg),
+        aortic_diastolic_mmhg: measured.aortic_pressure.as_ref().map(|aorta| aorta.diastolic_mmhg),
+        wall_volume_ml: file.anatomy.wall_volume_ml,
+        passive_exponent: None,
+        afterload: file.afterload,
+        left_atrial_pressure_mmhg: file.preload.as_ref().map(|preload| preload.left_atrial_pressure_mmhg),
+        start: StartMode::EndDiastole,
+        activation: ActivationSettings::default(),
+    }
+}
+
+/// The result of a task that must succeed.
+pub fn succeed(task: &TaskSpec, context: &mut Context) -> TaskResult {
+    match run_task(task, context) {
+        Ending::Succeeded { result } => *result,
+        ending => panic!("{}: {ending:?}", task.kind()),
+    }
+}
+
+pub fn passive_state(spec: &PassiveStateSpec, context: &mut Context) -> PassiveStateResult {
+    match succeed(&TaskSpec::PassiveState(Box::new(spec.clone())), context) {
+        TaskResult::PassiveState(result) => result,
+        other => panic!("{other:?}"),
+    }
+}
+
+/// A beat of the patient with any contraction model.
+pub fn beat_spec(
+    cycle_length_ms: f64,
+    state: &PassiveStateResult,
+    parameters: &Step1Parameters,
+    contraction: ContractionSpec,
+) -> OrganBeatSpec {
+    OrganBeatSpec {
+        cycle_length_ms,
+        time_step_ms: 1.0,
+        shortest_step_ms: SolverSettings::default().shortest_step_ms,
+        newton_iterations: SolverSettings::default().newton_iterations,
+        organ: state.organ.clone(),
+        circulation: state.circulation.clone(),
+        valves: parameters.valves,
+        contraction,
+        beats: BeatCount::Fixed { n: 1 },
+        measured_end_diastolic_volume_ml: state.measured.edv_ml,
+    }
+}
+
+/// One iteration of step 1 and what came of it.
+pub struct Iteration {
+    pub parameters: Step1Parameters,
+    /// None where the simulation failed, with the reason.
+    pub result: Result<OrganBeatResult, String>,
+    pub cost: f64,
+}
+
+pub fn for_cost(b: &Biomarkers) -> fixed_point::Biomarkers {
+    fixed_point::Biomarkers {
+        p_max_mmhg: b.p_max_mmhg,
+        dpdt_max_mmhg_per_ms: b.dpdt_max_mmhg_per_ms,
+        dpdt_min_mmhg_per_ms: b.dpdt_min_mmhg_per_ms,
+        ptd90_ms: b.ptd90_ms,
+        tau_vd_ms: b.tau_vd_ms,
+        tau_vr_ms: b.tau_vr_ms,
+    }
+}
+
+const ORDER: [Parameter; 6] =
+    [Parameter::SmaxRef, Parameter::TauSrRef, Parameter::TauSd, Parameter::TCr, Parameter::RAvF, Parameter::RMvF];
+
+fn to_fixed_point(parameters: &Step1Parameters) -> fixed_point::Parameters {
+    let mut out = fixed_point::Parameters::default();
+    ORDER.into_iter().zip(parameters.updated()).for_each(|(parameter, value)| out.set(parameter, value));
+    out
+}
+
+/// Settings of the fixed point as the coordinator makes them.
+pub fn fixed_point_settings(settings: &Step1Settings) -> fixed_point::Settings {
+    let bounds = ORDER.into_iter().filter_map(|parameter| {
+        let [lower, upper] = *settings.bounds.get(parameter.key())?;
+        Some((parameter, Bounds { lower, upper }))
+    });
+    fixed_point::Settings {
+        tolerance: settings.tolerance,
+        damping: fixed_point::Damping::uniform(settings.damping),
+        max_iterations: settings.max_iterations as usize,
+        stagnation_iterations: settings.stall_iterations as usize,
+        stagnation_fraction: settings.stall_improvement,
+        bounds: bounds.collect(),
+        stop: match settings.stop {
+            StopRule::FirstConverged => fixed_point::Stop::FirstConverged,
+            StopRule::BestOfLimit => fixed_point::Stop::BestOfLimit,
+        },
+        ..fixed_point::Settings::default()
+    }
+}
+
+/// Step 1 by hand: its iterations, the best one, and how it ended.
+pub fn step1(
+    cycle_length_ms: f64,
+    state: &PassiveStateResult,
+    settings: &Step1Settings,
+    context: &mut Context,
+) -> (Vec<Iteration>, Option<usize>, String) {
+    let initial = Step1Parameters { tanh: settings.initial, valves: settings.valves };
+    let measured = for_cost(&state.measured);
+    let mut history = History::new(to_fixed_point(&initial));
+    let mut iterations = Vec::new();
+    loop {
+        let decision = fixed_point::decide(&fixed_point_settings(settings), &measured, &history).unwrap();
+        let next = match decision {
+            Decision::Ended { quality, because, best } => {
+                return (iterations, best, format!("{quality:?} ({because:?})"));
+            }
+            Decision::Next { parameters, .. } => parameters,
+        };
+        let parameters = initial.with_updated(ORDER.map(|parameter| next.get(parameter)));
+        let spec =
+            beat_spec(cycle_length_ms, state, &parameters, ContractionSpec::Tanh { parameters: parameters.tanh });
+        let result = match run_task(&TaskSpec::OrganBeat(Box::new(spec)), context) {
+            Ending::Succeeded { result } => match *result {
+                TaskResult::OrganBeat(result) => match result.failed_check() {
+                    None => Ok(result),
+                    Some(check) => Err(format!("{}: {} (expected {})", check.name, check.found, check.expected)),
+                },
+                other => panic!("{other:?}"),
+            },
+            ending => Err(format!("{ending:?}")),
+        };
+        let (outcome, cost) = match &result {
+            Ok(result) => {
+                let simulated = for_cost(&result.biomarkers);
+                (Outcome::Simulated(simulated), fixed_point::Cost::of(&measured, &simulated).total)
+            }
+            Err(_) => (Outcome::Failed, f64::NAN),
+        };
+        history.push(next, outcome);
+        iterations.push(Iteration { parameters, result, cost });
+    }
+}
+
+/// Targets of the last beat run in `context`'s directory, with the directory.
+pub fn targets(directory: &Path, context: &mut Context) -> TargetsResult {
+    let nodal = input("nodal", &directory.join("nodal.csv"));
+    match succeed(&TaskSpec::Targets(TargetsSpec { nodal }), context) {
+        TaskResult::Targets(result) => result,
+        other => panic!("{other:?}"),
+    }
+}
+
+pub fn cell_fit_spec(cycle_length_ms: f64, targets: &TargetsResult, settings: CellFitSettings) -> CellFitSpec {
+    CellFitSpec {
+        cycle_length_ms,
+        lambda_0: targets.lambda_0,
+        targets: targets.targets,
+        seed: settings.seed,
+        settings,
+        fixed: BTreeMap::new(),
+    }
+}
+
+/// The fitted cell as the contraction model of the verification beat.
+pub fn fitted_contraction(fit: &CellFitResult) -> ContractionSpec {
+    let parameters = fit.parameters.iter().map(|parameter| (parameter.name.clone(), parameter.value));
+    ContractionSpec::Land2017Rice { parameters: parameters.collect() }
+}
