@@ -42,6 +42,26 @@ pub struct Biomarkers {
     pub end_of_beat_gap_ml: Option<f64>,
 }
 
+/// Keys of the biomarkers that step 1 fits, and that a robustness sweep of kind `data` perturbs: the terms of step 1's
+/// cost (SPEC section 5).
+pub const STEP1_BIOMARKERS: [&str; 6] =
+    ["P_max_mmHg", "dPdt_max_mmHg_per_ms", "dPdt_min_mmHg_per_ms", "PTD90_ms", "tau_VD_ms", "tau_VR_ms"];
+
+impl Biomarkers {
+    /// The place of a biomarker that step 1 fits, by its key in [`STEP1_BIOMARKERS`].
+    pub fn step1_target_mut(&mut self, key: &str) -> Option<&mut Option<f64>> {
+        Some(match key {
+            "P_max_mmHg" => &mut self.p_max_mmhg,
+            "dPdt_max_mmHg_per_ms" => &mut self.dpdt_max_mmhg_per_ms,
+            "dPdt_min_mmHg_per_ms" => &mut self.dpdt_min_mmhg_per_ms,
+            "PTD90_ms" => &mut self.ptd90_ms,
+            "tau_VD_ms" => &mut self.tau_vd_ms,
+            "tau_VR_ms" => &mut self.tau_vr_ms,
+            _ => return None,
+        })
+    }
+}
+
 /// The time points that define the biomarkers (paper, Figure A1), ms from the beat's start.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default)]
@@ -82,4 +102,23 @@ pub struct CellBiomarkers {
     pub std90_ms: f64,
     /// Smallest fibre stretch.
     pub lambda_min: f64,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_target_of_step_1_has_a_place_of_its_own() {
+        let mut biomarkers = Biomarkers::default();
+        for (key, value) in STEP1_BIOMARKERS.iter().zip([1.0, 2.0, 3.0, 4.0, 5.0, 6.0]) {
+            *biomarkers.step1_target_mut(key).unwrap() = Some(value);
+        }
+        let written = serde_json::to_value(biomarkers).unwrap();
+        assert_eq!(written.as_object().unwrap().len(), 6);
+        for (key, value) in STEP1_BIOMARKERS.iter().zip([1.0, 2.0, 3.0, 4.0, 5.0, 6.0]) {
+            assert_eq!(written[key], value, "{key}");
+        }
+        assert_eq!(biomarkers.step1_target_mut("EDV_mL"), None);
+    }
 }

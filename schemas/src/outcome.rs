@@ -102,8 +102,11 @@ pub struct PassiveStateResult {
     pub organ: OrganSpec,
     /// The loads.
     pub circulation: CirculationSpec,
-    /// Measured biomarkers, from the traces or as given.
+    /// Measured biomarkers, from the traces or as given, times `biomarker_factors`.
     pub measured: Biomarkers,
+    /// Factors that `measured` holds, where it is a sample of uncertain data and not what was measured.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub biomarker_factors: BTreeMap<String, f64>,
     /// Their time points.
     pub time_points: TimePoints,
     /// What was estimated for lack of data.

@@ -28,6 +28,10 @@ pub struct ResolvedPatient {
     pub id: PatientId,
     /// Which chain.
     pub workflow: Workflow,
+    /// Whose stream of random numbers it draws from, where not its own: members of a sweep share their patient's, so
+    /// that they differ in nothing but what the sweep varies.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub random_stream: Option<PatientId>,
     /// Step 0's task: all measured inputs, by content.
     pub step0: PassiveStateSpec,
     /// Settings, all layers merged (executor included, which never enters a task's key).
@@ -35,4 +39,12 @@ pub struct ResolvedPatient {
     /// Effects accepted for this patient.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub effects: Vec<crate::organ::EffectSpec>,
+}
+
+impl ResolvedPatient {
+    /// Whose stream of random numbers the patient draws from.
+    #[must_use]
+    pub fn random_stream(&self) -> &PatientId {
+        self.random_stream.as_ref().unwrap_or(&self.id)
+    }
 }

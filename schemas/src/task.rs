@@ -137,6 +137,10 @@ pub struct PassiveStateSpec {
     pub start: StartMode,
     /// Activation of the reduced ventricle.
     pub activation: ActivationSettings,
+    /// Factors by which measured biomarkers are multiplied once everything else is derived from the data as measured: a
+    /// sample of uncertain data (Jung et al. 2022, section 2.5). Keys: [`crate::biomarkers::STEP1_BIOMARKERS`].
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub biomarker_factors: BTreeMap<String, f64>,
 }
 
 /// One simulation of the organ.

@@ -267,6 +267,7 @@ fn plan(printed: &Printed, id: &str) -> ResolvedPatient {
     ResolvedPatient {
         id: PatientId::from(id),
         workflow: Workflow::Personalise,
+        random_stream: None,
         step0: PassiveStateSpec {
             cycle_length_ms: printed.cycle_length_ms,
             pressure: input("pressure"),
@@ -284,6 +285,7 @@ fn plan(printed: &Printed, id: &str) -> ResolvedPatient {
             left_atrial_pressure_mmhg: Some(6.43),
             start: StartMode::EndDiastole,
             activation: ActivationSettings::default(),
+            biomarker_factors: BTreeMap::new(),
         },
         settings: Settings::default(),
         effects: Vec::new(),
@@ -348,6 +350,7 @@ fn finished(folder: &Folder, printed: &Printed, id: &str) -> PatientRecord {
             effects: Vec::new(),
         },
         measured: biomarkers(printed.clinical, edv, None),
+        biomarker_factors: BTreeMap::new(),
         time_points: time_points(&p, &v),
         estimates: vec![Estimate {
             key: "afterload.compliance_mL_per_mmHg".into(),

@@ -4,6 +4,7 @@ use std::io;
 use std::path::PathBuf;
 
 use cardiotwin_calibrate::differential_evolution::DifferentialEvolutionError;
+use cardiotwin_schemas::biomarkers::STEP1_BIOMARKERS;
 use cardiotwin_schemas::failure::{Failure, FailureClass};
 use cardiotwin_schemas::organ::CELL_PARAMETERS;
 use cardiotwin_schemas::outcome::Ending;
@@ -64,6 +65,16 @@ pub enum TaskError {
         what: &'static str,
         /// What to add.
         remedy: &'static str,
+    },
+    /// A factor of a sample of uncertain data that cannot be applied.
+    #[error("biomarker `{name}` cannot be multiplied by {factor}: {why}; step 1 fits {}", STEP1_BIOMARKERS.join(", "))]
+    Factor {
+        /// The biomarker's key.
+        name: String,
+        /// Its factor.
+        factor: f64,
+        /// What is wrong.
+        why: &'static str,
     },
     /// A load or filling pressure cannot be estimated.
     #[error("a load that the patient file lacks cannot be estimated")]
@@ -166,6 +177,7 @@ impl TaskError {
             | Self::Resample(_)
             | Self::Biomarkers(_)
             | Self::NotMeasured { .. }
+            | Self::Factor { .. }
             | Self::Load(_)
             | Self::PassiveState(_)
             | Self::UnknownParameter { .. }
@@ -193,6 +205,7 @@ impl TaskError {
                 Some("the file was edited after planning: run again, so that the task is planned with the new content")
             }
             Self::NotMeasured { remedy, .. } => Some(remedy),
+            Self::Factor { .. } => Some("correct the sample's factors"),
             Self::Load(_) => Some("correct the arterial pressures, or give [afterload] and [preload]"),
             Self::PassiveState(_) => Some("correct end-diastolic pressure and volume, wall volume or diastasis"),
             Self::Measured { .. } | Self::Resample(_) | Self::Biomarkers(_) => {

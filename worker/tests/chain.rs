@@ -116,6 +116,33 @@ fn pressure_alone_is_enough_where_a_volume_is_given() {
     assert_eq!(state.measured.edv_ml, Some(120.0));
 }
 
+/// The perturbed values are what step 1 aims at; heart and loads are those of the data as measured.
+#[test]
+fn a_sample_of_uncertain_data_changes_targets_and_nothing_else() {
+    let scratch = tempfile::tempdir().unwrap();
+    let mut context = Context::plain(scratch.path(), 1);
+    let mut spec = support::step0("02-CoA");
+    spec.afterload = None; // estimated from peak pressure and volume: must not see the factors
+    spec.aortic_systolic_mmhg = None;
+    let measured = support::passive_state(&spec, &mut context);
+    let task = TaskSpec::PassiveState(Box::new(spec.clone()));
+    assert!(!task.canonical().contains("biomarker_factors"), "a task without factors keeps its key");
+    let key = task.key();
+    spec.biomarker_factors = [("P_max_mmHg".to_owned(), 1.07), ("tau_VR_ms".to_owned(), 0.93)].into();
+    assert_ne!(TaskSpec::PassiveState(Box::new(spec.clone())).key(), key);
+    let mut sample = support::passive_state(&spec, &mut context);
+    let ratio = |of: fn(&cardiotwin_schemas::biomarkers::Biomarkers) -> Option<f64>| {
+        of(&sample.measured).unwrap() / of(&measured.measured).unwrap()
+    };
+    assert!((ratio(|b| b.p_max_mmhg) - 1.07).abs() < 1e-12 && (ratio(|b| b.tau_vr_ms) - 0.93).abs() < 1e-12);
+    assert_eq!(sample.biomarker_factors, spec.biomarker_factors);
+    assert_eq!(sample.remarks.len(), measured.remarks.len() + 1);
+    sample.measured = measured.measured;
+    sample.biomarker_factors.clear();
+    sample.remarks.pop();
+    assert_eq!(sample, measured);
+}
+
 #[test]
 fn several_beats_become_periodic_and_leave_no_gap() {
     let scratch = tempfile::tempdir().unwrap();

@@ -1,5 +1,6 @@
 //! What orchestration costs: many patients of three no-op tasks, through store, outbox and executor.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
@@ -166,6 +167,7 @@ pub fn noop_patient(id: &str, sleep_ms: u64) -> ResolvedPatient {
     ResolvedPatient {
         id: PatientId::from(id),
         workflow: Workflow::Noop { sleep_ms },
+        random_stream: None,
         step0: PassiveStateSpec {
             cycle_length_ms: 1000.0,
             pressure: None,
@@ -183,6 +185,7 @@ pub fn noop_patient(id: &str, sleep_ms: u64) -> ResolvedPatient {
             left_atrial_pressure_mmhg: None,
             start: StartMode::EndDiastole,
             activation: ActivationSettings::default(),
+            biomarker_factors: BTreeMap::new(),
         },
         settings: Settings::default(),
         effects: Vec::new(),

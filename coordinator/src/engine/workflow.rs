@@ -323,7 +323,7 @@ impl<'a> Derivation<'a, '_> {
                 cycle_length_ms: self.plan.step0.cycle_length_ms,
                 lambda_0: targets.lambda_0,
                 targets: targets.targets,
-                seed: stream(settings.seed, self.plan.id.as_str()),
+                seed: stream(settings.seed, self.plan.random_stream().as_str()),
                 fixed: settings.frozen.clone(),
                 settings,
             })),

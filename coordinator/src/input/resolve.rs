@@ -1,5 +1,6 @@
 //! A checked patient as the engine takes it: settings resolved, input files hashed.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use cardiotwin_schemas::cohort::PatientDefaults;
@@ -48,10 +49,12 @@ pub fn resolve(
         left_atrial_pressure_mmhg: left_atrial_pressure(file, defaults),
         start: settings.solver.start,
         activation: settings.solver.activation,
+        biomarker_factors: BTreeMap::new(),
     };
     Some(ResolvedPatient {
         id: PatientId(file.id.clone()),
         workflow: Workflow::Personalise,
+        random_stream: None,
         step0,
         settings: settings.clone(),
         effects: effects.to_vec(),

@@ -54,6 +54,7 @@ pub fn step0(id: &str) -> PassiveStateSpec {
         left_atrial_pressure_mmhg: file.preload.as_ref().map(|preload| preload.left_atrial_pressure_mmhg),
         start: StartMode::EndDiastole,
         activation: ActivationSettings::default(),
+        biomarker_factors: BTreeMap::new(),
     }
 }
 

@@ -100,6 +100,7 @@ fn passive_state(edp_mmhg: f64) -> TaskResult {
             effects: vec![],
         },
         measured: answer(TRUTH),
+        biomarker_factors: Default::default(),
         time_points: Default::default(),
         estimates: vec![],
         diastasis_volume_error_ml: None,

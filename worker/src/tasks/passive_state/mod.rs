@@ -2,6 +2,7 @@
 
 pub(crate) mod estimates;
 mod onset;
+mod perturbation;
 
 use cardiotwin_models::ventricle::{DiastasisPoint, OneFibrePassive, PassiveStateInput, PassiveStateMode};
 use cardiotwin_schemas::organ::{ActivationSpec, CirculationSpec, OrganSpec};
@@ -66,10 +67,14 @@ pub fn run(spec: &PassiveStateSpec, context: &mut Context) -> Result<TaskResult,
         stiffness_kpa: law.stiffness.0,
         exponent: law.exponent,
     };
+    // Last, so that nothing above rests on anything but the data as measured.
+    perturbation::apply(&spec.biomarker_factors, &mut measured.biomarkers)?;
+    remarks.extend(perturbation::remark(&spec.biomarker_factors));
     Ok(TaskResult::PassiveState(PassiveStateResult {
         organ: OrganSpec::Reduced { passive, activation },
         circulation,
         measured: measured.biomarkers,
+        biomarker_factors: spec.biomarker_factors.clone(),
         time_points: biomarkers::to_schema(&measured.set).1,
         estimates,
         diastasis_volume_error_ml: diastasis

@@ -1,0 +1,79 @@
+//! A sample of uncertain data: measured biomarkers times factors (Jung et al. 2022, section 2.5).
+//!
+//! Only the values change that step 1 aims at. Anatomy, passive state, loads, filling pressure, onset of activation and
+//! the volumes and pressures at end-diastole stay those of the data as measured, as in the paper, whose samples perturb
+//! biomarker values and no trace; a perturbed end-diastolic volume would be another heart, not another target for it.
+
+use std::collections::BTreeMap;
+
+use cardiotwin_schemas::biomarkers::Biomarkers;
+
+use crate::error::TaskError;
+
+/// Multiplies measured biomarkers by their factors.
+///
+/// - `factors`: by keys of [`cardiotwin_schemas::biomarkers::STEP1_BIOMARKERS`], positive
+///
+/// # Errors
+/// [`TaskError::Factor`] for a key that step 1 does not fit, a biomarker that was not measured, or a factor that is not
+/// positive and finite.
+pub fn apply(factors: &BTreeMap<String, f64>, measured: &mut Biomarkers) -> Result<(), TaskError> {
+    for (name, factor) in factors {
+        let refused = |why| TaskError::Factor { name: name.clone(), factor: *factor, why };
+        let place = measured.step1_target_mut(name).ok_or_else(|| refused("step 1 fits no such biomarker"))?;
+        let value = place.as_mut().ok_or_else(|| refused("it was not measured"))?;
+        if !(*factor > 0.0 && factor.is_finite()) {
+            return Err(refused("it is not positive and finite"));
+        }
+        *value *= factor;
+    }
+    Ok(())
+}
+
+/// What a reader of the result must know.
+pub fn remark(factors: &BTreeMap<String, f64>) -> Option<String> {
+    let listed: Vec<String> = factors.iter().map(|(name, factor)| format!("{name} × {factor:.4}")).collect();
+    (!listed.is_empty())
+        .then(|| format!("a sample of uncertain data: targets are the measured values with {}", listed.join(", ")))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn measured() -> Biomarkers {
+        Biomarkers {
+            p_max_mmhg: Some(120.0),
+            dpdt_min_mmhg_per_ms: Some(-1.5),
+            sv_ml: Some(80.0),
+            edv_ml: Some(140.0),
+            ..Biomarkers::default()
+        }
+    }
+
+    fn factors(name: &str, factor: f64) -> BTreeMap<String, f64> {
+        BTreeMap::from([(name.to_owned(), factor)])
+    }
+
+    #[test]
+    fn named_targets_change_and_nothing_else() {
+        let mut found = measured();
+        let both = BTreeMap::from([("P_max_mmHg".to_owned(), 1.1), ("dPdt_min_mmHg_per_ms".to_owned(), 0.9)]);
+        apply(&both, &mut found).unwrap();
+        assert!((found.p_max_mmhg.unwrap() - 132.0).abs() < 1e-12);
+        assert!((found.dpdt_min_mmhg_per_ms.unwrap() + 1.35).abs() < 1e-12);
+        assert_eq!((found.sv_ml, found.edv_ml), (Some(80.0), Some(140.0)));
+        assert_eq!(remark(&BTreeMap::new()), None);
+        assert!(remark(&both).unwrap().contains("P_max_mmHg × 1.1000"));
+    }
+
+    #[test]
+    fn what_makes_no_sense_is_refused_by_name() {
+        let refusal = |name: &str, factor: f64| apply(&factors(name, factor), &mut measured()).unwrap_err().to_string();
+        assert!(refusal("EDV_mL", 1.1).contains("`EDV_mL`"));
+        assert!(refusal("tau_VD_ms", 1.1).contains("not measured"));
+        for factor in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+            assert!(refusal("P_max_mmHg", factor).contains("positive"), "{factor}");
+        }
+    }
+}
