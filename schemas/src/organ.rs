@@ -5,6 +5,8 @@ use std::collections::BTreeMap;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::task::InputFile;
+
 /// Tanh active stress (Jung et al. 2022, eqs. A1-A3).
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
@@ -73,6 +75,9 @@ pub const CELL_PARAMETERS: [&str; 22] = [
     "a_p_kPa",
 ];
 
+/// Those of them that describe Rice's calcium transient.
+pub const RICE_PARAMETERS: [&str; 4] = ["Ca_res_uM", "Ca_max_uM", "tau_CR_ms", "tau_CD_ms"];
+
 /// What produces the active stress. Land's and Rice's parameters go by the names in [`CELL_PARAMETERS`]
 /// (Tables A2, A4); names that are absent keep their default.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -87,6 +92,13 @@ pub enum ContractionSpec {
     Land2017Rice {
         /// Parameters that differ from the defaults, by the paper's names.
         parameters: BTreeMap<String, f64>,
+    },
+    /// Land 2017 driven by a given calcium transient, verification.
+    Land2017Trace {
+        /// Parameters that differ from the defaults, by the paper's names.
+        parameters: BTreeMap<String, f64>,
+        /// Calcium from activation on, columns `time_ms` and `Ca_uM`.
+        calcium: InputFile,
     },
 }
 

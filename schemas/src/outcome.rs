@@ -172,10 +172,65 @@ pub struct TargetsResult {
     pub targets: CellBiomarkers,
     /// Nodes that entered the medians.
     pub n_nodes: u64,
+    /// Whether the medians have calcium: the contraction model had it as a state or an input.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub has_calcium: bool,
+}
+
+/// What the data say of a fitted parameter.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum Determination {
+    /// Near-optimal values fill at most a fifth of the interval between the bounds, away from them.
+    Determined,
+    /// They fill more.
+    Sloppy,
+    /// They fill at most a fifth, and the best one is a bound: the data would have it beyond.
+    AtBound,
+    /// They reach from bound to bound: the data say nothing.
+    NotDetermined,
+}
+
+impl Determination {
+    /// In words.
+    #[must_use]
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Determined => "determined",
+            Self::Sloppy => "sloppy",
+            Self::AtBound => "at bound",
+            Self::NotDetermined => "not determined",
+        }
+    }
+}
+
+/// Values of a parameter with which a near-optimal cost is reached, all other parameters fitted anew (profile
+/// likelihood; Raue et al. 2009, Bioinformatics 25:1923).
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct NearOptimal {
+    /// Smallest value.
+    pub lower: f64,
+    /// Largest value.
+    pub upper: f64,
+    /// What follows.
+    pub mark: Determination,
+}
+
+/// How near-optimal values were found.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Identifiability {
+    /// Largest cost that counts as near-optimal.
+    pub threshold: f64,
+    /// Cell evaluations that it took, not among the fit's.
+    pub evaluations: u64,
+    /// Whether every interval's ends were found; else those left lie further out.
+    pub complete: bool,
 }
 
 /// A fitted parameter.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct FittedParameter {
     /// Name with unit.
@@ -188,6 +243,9 @@ pub struct FittedParameter {
     pub upper: f64,
     /// Whether the value sits on a bound.
     pub at_bound: bool,
+    /// What the data determine of it; absent where that was not looked at.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub near_optimal: Option<NearOptimal>,
 }
 
 /// Step 2. Artefacts: `cell` (`cell.csv`: time_ms, Sa_kPa, Ca_uM, lambda), `convergence` (`convergence.csv`).
@@ -212,4 +270,7 @@ pub struct CellFitResult {
     pub converged: bool,
     /// Empty, or which target is out of reach and what would reach it.
     pub unreachable_targets: Vec<String>,
+    /// How the parameters' near-optimal values were found.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub identifiability: Option<Identifiability>,
 }

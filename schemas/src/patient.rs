@@ -44,6 +44,9 @@ pub struct Measured {
     /// File with columns `time_ms,volume_mL`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub volume: Option<String>,
+    /// File with columns `time_ms,Ca_uM` from activation on, for `step2.calcium = "median-trace"`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub calcium: Option<String>,
     /// End-diastolic pressure.
     #[serde(rename = "end_diastolic_pressure_mmHg", skip_serializing_if = "Option::is_none")]
     pub end_diastolic_pressure_mmhg: Option<f64>,

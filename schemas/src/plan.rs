@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::ids::PatientId;
 use crate::settings::Settings;
-use crate::task::PassiveStateSpec;
+use crate::task::{InputFile, PassiveStateSpec};
 
 /// Which chain of tasks a patient runs through.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
@@ -34,6 +34,9 @@ pub struct ResolvedPatient {
     pub random_stream: Option<PatientId>,
     /// Step 0's task: all measured inputs, by content.
     pub step0: PassiveStateSpec,
+    /// Measured calcium transient, for `step2.calcium = "median-trace"`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub calcium: Option<InputFile>,
     /// Settings, all layers merged (executor included, which never enters a task's key).
     pub settings: Settings,
     /// Effects accepted for this patient.

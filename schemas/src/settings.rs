@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::organ::{TanhParameters, ValveParameters};
+use crate::organ::{RICE_PARAMETERS, TanhParameters, ValveParameters};
 
 /// All settings.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -180,6 +180,28 @@ pub enum Updating {
 pub enum CalciumSource {
     /// Fitted with the rest (the paper's choice).
     Rice,
+    /// A fixed input (eq. 18): the patient's `measured.calcium`, else the median of the organ's nodal calcium. Rice's four
+    /// parameters then have no effect and are not fitted.
+    MedianTrace,
+}
+
+/// How step 2 searches.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum Strategy {
+    /// The paper's: `SciPy`'s best1bin.
+    #[default]
+    DifferentialEvolution,
+    /// Differential evolution that adapts its own settings (Tanabe and Fukunaga 2014).
+    LShade,
+    /// Covariance matrix adaptation with restarts (Hansen 2016).
+    CmaEs,
+}
+
+impl Strategy {
+    fn is_default(&self) -> bool {
+        *self == Self::default()
+    }
 }
 
 /// Step 2: differential evolution at the cell (SPEC section 6).
@@ -188,6 +210,9 @@ pub enum CalciumSource {
 pub struct CellFitSettings {
     /// Seed; each patient draws from its own stream.
     pub seed: u64,
+    /// How the bounds are searched.
+    #[serde(skip_serializing_if = "Strategy::is_default")]
+    pub strategy: Strategy,
     /// Population = this × number of parameters.
     pub popsize: u32,
     /// Converged when the spread of costs is below this share of their mean.
@@ -204,8 +229,14 @@ pub struct CellFitSettings {
     pub updating: Updating,
     /// Gradient polish at the end.
     pub polish: bool,
+    /// After the fit: for each parameter the interval of values with which a cost nearly as low is reached.
+    pub identifiability: bool,
     /// Where calcium comes from.
     pub calcium: CalciumSource,
+    /// A guess that takes a place in the first population, cut to the bounds; fitted parameters that are absent from it
+    /// are guessed at their default (Tables A2 to A4).
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    pub initial: BTreeMap<String, f64>,
     /// Fitted parameters, in order.
     pub parameters: Vec<String>,
     /// Bounds of the fitted parameters, lower and upper (Table A5).
@@ -232,6 +263,7 @@ impl Default for CellFitSettings {
         ];
         Self {
             seed: 1,
+            strategy: Strategy::default(),
             popsize: 15,
             tol: 0.01,
             atol: 0.0,
@@ -240,7 +272,9 @@ impl Default for CellFitSettings {
             recombination: 0.7,
             updating: Updating::Deferred,
             polish: true,
+            identifiability: true,
             calcium: CalciumSource::Rice,
+            initial: BTreeMap::new(),
             parameters: bounds.iter().map(|(name, _)| (*name).to_owned()).collect(),
             bounds: bounds.into_iter().map(|(name, range)| (name.to_owned(), range)).collect(),
             weights: [
@@ -256,6 +290,16 @@ impl Default for CellFitSettings {
             .collect(),
             frozen: BTreeMap::new(),
         }
+    }
+}
+
+impl CellFitSettings {
+    /// What is fitted: `parameters`, without Rice's four where calcium is a fixed input.
+    #[must_use]
+    pub fn fitted(&self) -> Vec<String> {
+        let has_effect =
+            |name: &&String| self.calcium == CalciumSource::Rice || !RICE_PARAMETERS.contains(&name.as_str());
+        self.parameters.iter().filter(has_effect).cloned().collect()
     }
 }
 
@@ -283,6 +327,30 @@ pub enum ExecutorKind {
     InProcess,
 }
 
+/// Which instructions the cell engine uses. AVX2 and AVX-512 give the same bits; `portable` rounds differently, so that a
+/// fit may take another way and end elsewhere within its tolerance.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum InstructionSet {
+    /// The best of the processor.
+    #[default]
+    Auto,
+    /// What every processor has.
+    Portable,
+    /// Four lanes a register.
+    Avx2,
+    /// Eight lanes a register.
+    Avx512,
+}
+
+impl InstructionSet {
+    /// Whether it is left to the processor.
+    #[must_use]
+    pub fn is_auto(&self) -> bool {
+        *self == Self::Auto
+    }
+}
+
 /// Where tasks run and how many at once. Never part of a task's key.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
@@ -293,6 +361,8 @@ pub struct ExecutorSettings {
     pub workers: u32,
     /// Threads of each worker.
     pub threads: u32,
+    /// Instructions of the cell engine; recorded in every outcome.
+    pub instruction_set: InstructionSet,
     /// How often a task that failed for the site's sake (killed, disk full) is tried again by itself.
     pub site_retries: u32,
     /// A worker that writes no progress and does not end for so long is taken for hung and killed; 0 is never.
@@ -301,7 +371,14 @@ pub struct ExecutorSettings {
 
 impl Default for ExecutorSettings {
     fn default() -> Self {
-        Self { kind: ExecutorKind::Local, workers: 0, threads: 1, site_retries: 2, hang_timeout_s: 0.0 }
+        Self {
+            kind: ExecutorKind::Local,
+            workers: 0,
+            threads: 1,
+            instruction_set: InstructionSet::Auto,
+            site_retries: 2,
+            hang_timeout_s: 0.0,
+        }
     }
 }
 
@@ -321,5 +398,12 @@ mod tests {
         assert_eq!(settings.step2.parameters.len(), 10);
         assert_eq!(settings.step2.popsize * 10, 150);
         assert_eq!(settings.step1.tolerance, 0.1);
+    }
+
+    #[test]
+    fn fixed_calcium_leaves_rices_parameters_out() {
+        let settings = CellFitSettings { calcium: CalciumSource::MedianTrace, ..CellFitSettings::default() };
+        assert_eq!(settings.fitted(), ["n_TRPN", "beta_1_uM", "n_Tm", "Ca50_ref_uM", "k_UW_per_ms", "a_p_kPa"]);
+        assert_eq!(CellFitSettings::default().fitted(), CellFitSettings::default().parameters);
     }
 }

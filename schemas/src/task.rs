@@ -10,7 +10,7 @@ use crate::biomarkers::{Biomarkers, CellBiomarkers};
 use crate::hash::{canonical_json, sha256_hex};
 use crate::ids::{AttemptId, TaskKey};
 use crate::organ::{BeatCount, CirculationSpec, ContractionSpec, OrganSpec, ValveParameters, WindkesselParameters};
-use crate::settings::{ActivationSettings, CellFitSettings, StartMode};
+use crate::settings::{ActivationSettings, CellFitSettings, InstructionSet, StartMode};
 
 /// A file that a task reads. The path is where it lies now; only name and content enter the key.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
@@ -57,7 +57,8 @@ impl TaskSpec {
     #[must_use]
     pub fn model_version(&self) -> u32 {
         match self {
-            Self::PassiveState(_) | Self::OrganBeat(_) | Self::Targets(_) | Self::CellFit(_) | Self::Noop(_) => 1,
+            Self::CellFit(_) => 2,
+            Self::PassiveState(_) | Self::OrganBeat(_) | Self::Targets(_) | Self::Noop(_) => 1,
         }
     }
 
@@ -194,6 +195,9 @@ pub struct CellFitSpec {
     pub seed: u64,
     /// Parameters that are not fitted and differ from the defaults.
     pub fixed: BTreeMap<String, f64>,
+    /// Calcium from activation on, columns `time_ms` and `Ca_uM`, where it is a fixed input.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub calcium: Option<InputFile>,
 }
 
 /// Nothing to do.
@@ -216,6 +220,9 @@ pub struct AttemptSpec {
     pub attempt: AttemptId,
     /// Threads that the worker may use.
     pub threads: u32,
+    /// Instructions of the cell engine.
+    #[serde(default, skip_serializing_if = "InstructionSet::is_auto")]
+    pub instruction_set: InstructionSet,
     /// The task.
     pub task: TaskSpec,
 }

@@ -287,6 +287,7 @@ fn plan(printed: &Printed, id: &str) -> ResolvedPatient {
             activation: ActivationSettings::default(),
             biomarker_factors: BTreeMap::new(),
         },
+        calcium: None,
         settings: Settings::default(),
         effects: Vec::new(),
     }
@@ -431,7 +432,14 @@ fn finished(folder: &Folder, printed: &Printed, id: &str) -> PatientRecord {
         std::iter::zip(CELL, printed.cell).chain([("a_p_kPa", 47.3 + 3.0 * f64::from(taken))]).map(|(name, value)| {
             let [lower, upper] = bounds[name];
             let near = |bound: f64| (value - bound).abs() < 2e-3 * (upper - lower);
-            FittedParameter { name: name.into(), value, lower, upper, at_bound: near(lower) || near(upper) }
+            FittedParameter {
+                name: name.into(),
+                value,
+                lower,
+                upper,
+                at_bound: near(lower) || near(upper),
+                near_optimal: None,
+            }
         });
     let fit_cost = 0.05 + 0.01 * f64::from(taken);
     let fit = CellFitResult {
@@ -453,6 +461,7 @@ fn finished(folder: &Folder, printed: &Printed, id: &str) -> PatientRecord {
         } else {
             Vec::new()
         },
+        identifiability: None,
     };
     let (traces, gap, times) = simulated(&p, &v, cycle, &printed.step2, 11.0);
     let verification = beat(biomarkers(printed.step2, edv, Some(gap)), times);
@@ -468,7 +477,7 @@ fn finished(folder: &Folder, printed: &Printed, id: &str) -> PatientRecord {
             &[("median", median)],
             0.004,
             None,
-            TargetsResult { lambda_0: 1.0, targets, n_nodes: 16 },
+            TargetsResult { lambda_0: 1.0, targets, n_nodes: 16, has_calcium: false },
         )),
         cell_fit: Some(folder.record(
             "cell-fit",

@@ -1,25 +1,44 @@
-//! Names of the cell's parameters in files (`organ::CELL_PARAMETERS`) and where they go in the solver's types.
+//! Names of the cell's parameters in files (`organ::CELL_PARAMETERS`) and where they go in the solvers' types.
 
 use std::collections::BTreeMap;
 
+use cardiotwin_cell_engine::{CellInput, DEFAULT_PARAMETERS, N_PARAMETERS};
 use cardiotwin_models::calcium::Rice2008Parameters;
-use cardiotwin_models::cell0d::{CalciumInput, CellParameters};
+use cardiotwin_models::cell0d::{CalciumInput, CellParameters, LandPassiveParameters};
+use cardiotwin_models::contraction::Land2017Parameters;
+use cardiotwin_schemas::organ::CELL_PARAMETERS;
 
 use crate::error::TaskError;
 
-/// A cell's parameters by name: Land, passive and calcium, all at their defaults before anything is set.
+/// Position of `a_p_kPa`.
+const PASSIVE_SCALE: usize = N_PARAMETERS - 1;
+
+/// A cell by the names of its parameters: Land, passive and calcium, all at their defaults before anything is set.
 #[derive(Debug, Clone, PartialEq)]
 pub struct NamedCell {
-    cell: CellParameters,
-    rice: Rice2008Parameters,
+    /// In the order of [`CELL_PARAMETERS`], which is the engine's.
+    values: [f64; N_PARAMETERS],
+    cycle_length_ms: f64,
+    lambda_0: f64,
+}
+
+/// Position of a parameter in [`CELL_PARAMETERS`] and in [`CellInput::parameters`].
+///
+/// # Errors
+/// [`TaskError::UnknownParameter`] for a name that the cell does not have.
+pub fn position(name: &str) -> Result<usize, TaskError> {
+    let position = CELL_PARAMETERS.iter().position(|known| *known == name);
+    position.ok_or_else(|| TaskError::UnknownParameter { name: name.to_owned() })
 }
 
 impl NamedCell {
-    /// Defaults (Tables A2 to A4) at a cycle length and initial stretch.
+    /// Defaults (Tables A2 to A4, the passive scale of the sensitivity analysis) at a cycle length and initial stretch.
     #[must_use]
     pub fn new(cycle_length_ms: f64, lambda_0: f64) -> Self {
-        let cell = CellParameters { cycle_length_ms, lambda0: lambda_0, ..CellParameters::default() };
-        Self { cell, rice: Rice2008Parameters::default() }
+        let mut values = DEFAULT_PARAMETERS;
+        // Table A3's 2.1 kPa is that of isolated tissue: a cell in the organ's place would collapse with it.
+        values[PASSIVE_SCALE] = LandPassiveParameters::default().a_p_kpa;
+        Self { values, cycle_length_ms, lambda_0 }
     }
 
     /// Sets every parameter of a map.
@@ -28,74 +47,113 @@ impl NamedCell {
     /// [`TaskError::UnknownParameter`] for a name that the cell does not have.
     pub fn with(mut self, parameters: &BTreeMap<String, f64>) -> Result<Self, TaskError> {
         for (name, value) in parameters {
-            *self.field(name)? = *value;
+            self.values[position(name)?] = *value;
         }
         Ok(self)
     }
 
-    /// The place of a parameter.
+    /// The value of a parameter.
     ///
     /// # Errors
     /// [`TaskError::UnknownParameter`] for a name that the cell does not have.
-    pub fn field(&mut self, name: &str) -> Result<&mut f64, TaskError> {
-        let land = &mut self.cell.land;
-        Ok(match name {
-            "k_TRPN_per_ms" => &mut land.k_trpn_per_ms,
-            "n_TRPN" => &mut land.n_trpn,
-            "Ca50_ref_uM" => &mut land.ca50_ref_um,
-            "k_U_per_ms" => &mut land.k_u_per_ms,
-            "n_Tm" => &mut land.n_tm,
-            "TRPN50" => &mut land.trpn50,
-            "k_UW_per_ms" => &mut land.k_uw_per_ms,
-            "k_WS_per_ms" => &mut land.k_ws_per_ms,
-            "r_W" => &mut land.r_w,
-            "r_S" => &mut land.r_s,
-            "gamma_S_per_ms" => &mut land.gamma_s_per_ms,
-            "gamma_W_per_ms" => &mut land.gamma_w_per_ms,
-            "phi" => &mut land.phi,
-            "A_eff" => &mut land.a_eff,
-            "beta_0" => &mut land.beta0,
-            "beta_1_uM" => &mut land.beta1_um,
-            "Smax_ref_kPa" => &mut land.smax_ref_kpa,
-            "Ca_res_uM" => &mut self.rice.ca_res_um,
-            "Ca_max_uM" => &mut self.rice.ca_max_um,
-            "tau_CR_ms" => &mut self.rice.tau_cr_ms,
-            "tau_CD_ms" => &mut self.rice.tau_cd_ms,
-            "a_p_kPa" => &mut self.cell.passive.a_p_kpa,
-            _ => return Err(TaskError::UnknownParameter { name: name.to_owned() }),
-        })
+    pub fn value(&self, name: &str) -> Result<f64, TaskError> {
+        Ok(self.values[position(name)?])
     }
 
-    /// What the solver takes.
+    /// What the batched engine takes; [`position`] says where a parameter lies in it.
+    #[must_use]
+    pub fn input(&self) -> CellInput {
+        CellInput::new(self.values, self.cycle_length_ms, self.lambda_0)
+    }
+
+    /// What the scalar cell takes, from which the organ's contraction is made.
     #[must_use]
     pub fn parameters(&self) -> CellParameters {
-        CellParameters { calcium: CalciumInput::Rice(self.rice), ..self.cell.clone() }
-    }
-
-    /// The calcium transient's part.
-    #[must_use]
-    pub fn rice(&self) -> Rice2008Parameters {
-        self.rice
+        let [
+            k_trpn_per_ms,
+            n_trpn,
+            ca50_ref_um,
+            k_u_per_ms,
+            n_tm,
+            trpn50,
+            k_uw_per_ms,
+            k_ws_per_ms,
+            r_w,
+            r_s,
+            gamma_s_per_ms,
+            gamma_w_per_ms,
+            phi,
+            a_eff,
+            beta0,
+            beta1_um,
+            smax_ref_kpa,
+            ca_res_um,
+            ca_max_um,
+            tau_cr_ms,
+            tau_cd_ms,
+            a_p_kpa,
+        ] = self.values;
+        let mut cell = CellParameters::default();
+        cell.land = Land2017Parameters {
+            k_trpn_per_ms,
+            n_trpn,
+            ca50_ref_um,
+            k_u_per_ms,
+            n_tm,
+            trpn50,
+            k_uw_per_ms,
+            k_ws_per_ms,
+            r_w,
+            r_s,
+            gamma_s_per_ms,
+            gamma_w_per_ms,
+            phi,
+            a_eff,
+            beta0,
+            beta1_um,
+            smax_ref_kpa,
+            ..cell.land
+        };
+        cell.passive.a_p_kpa = a_p_kpa;
+        cell.calcium = CalciumInput::Rice(Rice2008Parameters { ca_res_um, ca_max_um, tau_cr_ms, tau_cd_ms });
+        CellParameters { cycle_length_ms: self.cycle_length_ms, lambda0: self.lambda_0, ..cell }
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use cardiotwin_schemas::organ::CELL_PARAMETERS;
+    use cardiotwin_cell_engine::PARAMETER_NAMES;
+
+    #[test]
+    fn files_and_engine_have_the_same_names_in_the_same_order() {
+        assert_eq!(CELL_PARAMETERS, PARAMETER_NAMES);
+    }
+
+    #[test]
+    fn defaults_are_the_scalar_cells() {
+        let cell = NamedCell::new(1000.0, 1.0).parameters();
+        let models = CellParameters::default();
+        assert_eq!((cell.land, cell.passive, cell.calcium), (models.land, models.passive, models.calcium));
+    }
 
     #[test]
     fn every_name_has_a_place_of_its_own() {
         let values: BTreeMap<String, f64> =
             CELL_PARAMETERS.iter().enumerate().map(|(idx, name)| ((*name).to_owned(), 100.0 + idx as f64)).collect();
-        let mut cell = NamedCell::new(800.0, 0.99).with(&values).unwrap();
+        let cell = NamedCell::new(800.0, 0.99).with(&values).unwrap();
+        let input = cell.input();
         for (name, value) in &values {
-            assert_eq!(*cell.field(name).unwrap(), *value, "{name}");
+            assert_eq!(cell.value(name).unwrap(), *value, "{name}");
+            assert_eq!(input.parameters[position(name).unwrap()], *value, "{name}");
         }
+        assert_eq!((input.cycle_length_ms, input.lambda_0), (800.0, 0.99));
         let parameters = cell.parameters();
         assert_eq!((parameters.cycle_length_ms, parameters.lambda0), (800.0, 0.99));
+        assert_eq!(parameters.land.beta1_um, values["beta_1_uM"]);
+        assert_eq!(parameters.passive.a_p_kpa, values["a_p_kPa"]);
         let CalciumInput::Rice(rice) = parameters.calcium else { panic!("Rice's calcium is what was set") };
-        assert_eq!(rice.ca_res_um, values["Ca_res_uM"]);
+        assert_eq!(rice.tau_cd_ms, values["tau_CD_ms"]);
     }
 
     #[test]

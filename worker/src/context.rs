@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use cardiotwin_schemas::hash::sha256_hex;
 use cardiotwin_schemas::outcome::Artefact;
+use cardiotwin_schemas::settings::InstructionSet;
 
 use serde::Serialize;
 
@@ -20,6 +21,8 @@ pub struct Context {
     pub artefacts: Artefacts,
     /// Threads that may be used; results do not depend on it.
     pub threads: u32,
+    /// Instructions of the cell engine.
+    pub instruction_set: InstructionSet,
     /// Where reports go.
     pub progress: ProgressLog,
     /// Where work in hand is kept.
@@ -37,6 +40,7 @@ impl Context {
         Self {
             artefacts: Artefacts::in_directory(directory),
             threads,
+            instruction_set: InstructionSet::Auto,
             progress: ProgressLog::silent(),
             checkpoints: Checkpoints::none(),
             stop: StopFlag::default(),

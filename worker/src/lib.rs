@@ -6,6 +6,7 @@
 pub mod attempt;
 pub mod bench;
 pub mod biomarkers;
+pub mod calcium;
 pub mod cell_parameters;
 pub mod checkpoint;
 pub mod clock;

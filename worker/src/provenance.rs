@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::time::Instant;
 
+use cardiotwin_schemas::organ::ContractionSpec;
 use cardiotwin_schemas::provenance::Provenance;
 use cardiotwin_schemas::task::{InputFile, TaskSpec};
 
@@ -63,7 +64,12 @@ pub fn inputs(task: &TaskSpec) -> Vec<&InputFile> {
     match task {
         TaskSpec::PassiveState(spec) => spec.pressure.iter().chain(&spec.volume).collect(),
         TaskSpec::Targets(spec) => vec![&spec.nodal],
-        TaskSpec::OrganBeat(_) | TaskSpec::CellFit(_) | TaskSpec::Noop(_) => Vec::new(),
+        TaskSpec::CellFit(spec) => spec.calcium.iter().collect(),
+        TaskSpec::OrganBeat(spec) => match &spec.contraction {
+            ContractionSpec::Land2017Trace { calcium, .. } => vec![calcium],
+            ContractionSpec::Tanh { .. } | ContractionSpec::Land2017Rice { .. } => Vec::new(),
+        },
+        TaskSpec::Noop(_) => Vec::new(),
     }
 }
 

@@ -29,6 +29,7 @@ pub fn run_attempt(directory: &Path, stop: &StopFlag, echo: bool) -> Result<Endi
     let mut context = Context {
         artefacts: Artefacts::in_directory(directory),
         threads: attempt.spec.threads.max(1),
+        instruction_set: attempt.spec.instruction_set,
         progress: ProgressLog::in_directory(directory, echo),
         checkpoints: Checkpoints::of_attempt(directory, &attempt.spec.attempt),
         stop: stop.clone(),

@@ -13,6 +13,7 @@ use cardiotwin_schemas::hash::sha256_hex;
 use cardiotwin_schemas::ids::AttemptId;
 use cardiotwin_schemas::organ::ContractionSpec;
 use cardiotwin_schemas::outcome::{Ending, TaskOutcome, TaskResult};
+use cardiotwin_schemas::settings::InstructionSet;
 use cardiotwin_schemas::task::{AttemptSpec, InputFile, NoopSpec, TargetsSpec, TaskSpec};
 
 /// An attempt's directory below `root`, named as the coordinator names it.
@@ -24,6 +25,7 @@ fn attempt_directory(root: &Path, task: &TaskSpec, generation: u32) -> PathBuf {
         schema_version: SCHEMA_VERSION,
         attempt: AttemptId { task: key, generation },
         threads: 1,
+        instruction_set: InstructionSet::Auto,
         task: task.clone(),
     };
     fs::write(directory.join("spec.json"), serde_json::to_string(&spec).unwrap()).unwrap();

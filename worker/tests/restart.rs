@@ -11,7 +11,7 @@ use cardiotwin_schemas::SCHEMA_VERSION;
 use cardiotwin_schemas::biomarkers::CellBiomarkers;
 use cardiotwin_schemas::ids::AttemptId;
 use cardiotwin_schemas::outcome::{Ending, TargetsResult, TaskOutcome, TaskResult};
-use cardiotwin_schemas::settings::CellFitSettings;
+use cardiotwin_schemas::settings::{CellFitSettings, InstructionSet};
 use cardiotwin_schemas::task::{AttemptSpec, TaskSpec};
 use cardiotwin_worker::checkpoint::Checkpoints;
 use cardiotwin_worker::context::{Artefacts, Context};
@@ -29,7 +29,7 @@ fn fit(settings: CellFitSettings) -> TaskSpec {
         std90_ms: 398.0,
         lambda_min: 0.835,
     };
-    let targets = TargetsResult { lambda_0: 1.0, targets, n_nodes: 16 };
+    let targets = TargetsResult { lambda_0: 1.0, targets, n_nodes: 16, has_calcium: false };
     TaskSpec::CellFit(Box::new(support::cell_fit_spec(852.0, &targets, settings)))
 }
 
@@ -56,7 +56,13 @@ fn attempt_directory(root: &Path, task: &TaskSpec, generation: u32, threads: u32
     let directory = root.join(format!("{}-g{generation}", &key.0[..16]));
     fs::create_dir_all(&directory).unwrap();
     let attempt = AttemptId { task: key, generation };
-    let spec = AttemptSpec { schema_version: SCHEMA_VERSION, attempt, threads, task: task.clone() };
+    let spec = AttemptSpec {
+        schema_version: SCHEMA_VERSION,
+        attempt,
+        threads,
+        instruction_set: InstructionSet::Auto,
+        task: task.clone(),
+    };
     fs::write(directory.join("spec.json"), serde_json::to_string(&spec).unwrap()).unwrap();
     directory
 }

@@ -72,7 +72,9 @@ impl<E: Executor> Drive<E> {
         })?;
         let threads = self.settings.threads.max(1);
         let directory = self.world.directory(attempt);
-        let spec = AttemptSpec { schema_version: SCHEMA_VERSION, attempt: attempt.clone(), threads, task };
+        let instruction_set = self.settings.instruction_set;
+        let attempt_id = attempt.clone();
+        let spec = AttemptSpec { schema_version: SCHEMA_VERSION, attempt: attempt_id, threads, instruction_set, task };
         match self.executor.submit(Order { spec, directory: directory.clone() }).await {
             Ok(id) => {
                 self.submitted += 1;

@@ -187,6 +187,7 @@ pub fn noop_patient(id: &str, sleep_ms: u64) -> ResolvedPatient {
             activation: ActivationSettings::default(),
             biomarker_factors: BTreeMap::new(),
         },
+        calcium: None,
         settings: Settings::default(),
         effects: Vec::new(),
     }

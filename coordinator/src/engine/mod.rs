@@ -38,6 +38,7 @@ mod requests;
 mod settings;
 mod show;
 mod step1;
+mod step2;
 mod stop;
 #[cfg(test)]
 mod tests;
@@ -49,6 +50,7 @@ pub use crate::store::lock::{LockError, LockHolder};
 pub use crate::store::{AttemptRecord, EventRecord, LeafChange, Reader, StepExplanation, StoreError};
 pub use error::EngineError;
 pub use events::{EngineEvent, EventSender, PatientEnding, RunSummary};
+pub use step2::contraction;
 pub use stop::{StopLevel, StopSignal};
 
 /// What to run, where and how.

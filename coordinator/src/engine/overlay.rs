@@ -10,7 +10,8 @@ use cardiotwin_schemas::outcome::TaskResult;
 use cardiotwin_schemas::overlay::ModelOverlay;
 
 use super::EngineError;
-use super::workflow::{Settled, cell_parameters};
+use super::step2::cell_parameters;
+use super::workflow::Settled;
 use super::world::World;
 use crate::clock;
 use crate::machine::patient::Step;

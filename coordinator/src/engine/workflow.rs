@@ -16,9 +16,9 @@ use cardiotwin_schemas::organ::{BeatCount, CirculationSpec, ContractionSpec, Ste
 use cardiotwin_schemas::outcome::{Artefact, CellFitResult, PassiveStateResult, TargetsResult, TaskResult};
 use cardiotwin_schemas::plan::{ResolvedPatient, Workflow};
 use cardiotwin_schemas::record::{StallReason, Step1Quality, Step1Summary};
-use cardiotwin_schemas::task::{CellFitSpec, InputFile, NoopSpec, OrganBeatSpec, TargetsSpec, TaskSpec};
+use cardiotwin_schemas::task::{InputFile, NoopSpec, OrganBeatSpec, TargetsSpec, TaskSpec};
 
-use super::step1;
+use super::{step1, step2};
 use crate::machine::chain::{Chain, ChainIteration};
 use crate::machine::patient::{Stage, Step};
 
@@ -126,10 +126,11 @@ impl<'a> Derivation<'a, '_> {
         let (best, summary) = self.step1(step0)?;
         let parameters = summary.parameters;
         self.chain.step1 = Some(summary);
-        let targets = self.targets(&best)?;
-        let fit = self.step2(targets)?;
+        let (targets, calcium) = self.targets(&best)?;
+        let fit = self.step2(targets, calcium.clone())?;
         if self.plan.settings.verification.enabled {
-            self.verification(step0, fit, parameters.valves)?;
+            let contraction = step2::contraction(self.plan, fit, calcium);
+            self.verification(step0, contraction, parameters.valves)?;
         }
         Ok(())
     }
@@ -301,7 +302,8 @@ impl<'a> Derivation<'a, '_> {
         }
     }
 
-    fn targets(&mut self, best: &Published<'a>) -> Derived<&'a TargetsResult> {
+    /// Step 2's targets, and the calcium that is a fixed input.
+    fn targets(&mut self, best: &Published<'a>) -> Derived<(&'a TargetsResult, Option<InputFile>)> {
         let step = Step::only(Stage::Targets);
         let Some(nodal) = best.artefacts.iter().find(|a| a.name == "nodal") else {
             return Err(broken(step, FailureClass::Bug, format!("simulation {} left no nodal traces", best.key)));
@@ -311,23 +313,15 @@ impl<'a> Derivation<'a, '_> {
         let done = self.result(step, TaskSpec::Targets(TargetsSpec { nodal }))?;
         let TaskResult::Targets(result) = done.result else { return Err(wrong_kind(step, done.result)) };
         self.chain.targets = Some(done.key);
-        Ok(result)
+        let calcium = step2::calcium(self.plan, result, done.artefacts, &done.directory);
+        let calcium = calcium.map_err(|failure| Next::Failed { step: Step::only(Stage::Step2), failure })?;
+        Ok((result, calcium))
     }
 
-    fn step2(&mut self, targets: &TargetsResult) -> Derived<&'a CellFitResult> {
+    fn step2(&mut self, targets: &TargetsResult, calcium: Option<InputFile>) -> Derived<&'a CellFitResult> {
         let step = Step::only(Stage::Step2);
-        let settings = self.plan.settings.step2.clone();
-        let done = self.result(
-            step,
-            TaskSpec::CellFit(Box::new(CellFitSpec {
-                cycle_length_ms: self.plan.step0.cycle_length_ms,
-                lambda_0: targets.lambda_0,
-                targets: targets.targets,
-                seed: stream(settings.seed, self.plan.random_stream().as_str()),
-                fixed: settings.frozen.clone(),
-                settings,
-            })),
-        )?;
+        let spec = step2::cell_fit(self.plan, targets, calcium);
+        let done = self.result(step, TaskSpec::CellFit(Box::new(spec)))?;
         let TaskResult::CellFit(result) = done.result else { return Err(wrong_kind(step, done.result)) };
         self.chain.cell_fit = Some(done.key);
         self.chain.step2_cost = Some(result.cost);
@@ -337,12 +331,11 @@ impl<'a> Derivation<'a, '_> {
     fn verification(
         &mut self,
         step0: &PassiveStateResult,
-        fit: &CellFitResult,
+        contraction: ContractionSpec,
         valves: ValveParameters,
     ) -> Derived<()> {
         let step = Step::only(Stage::Verification);
-        let parameters = cell_parameters(self.plan, fit);
-        let done = self.result(step, self.beat(step0, ContractionSpec::Land2017Rice { parameters }, valves))?;
+        let done = self.result(step, self.beat(step0, contraction, valves))?;
         let TaskResult::OrganBeat(beat) = done.result else { return Err(wrong_kind(step, done.result)) };
         self.chain.verification_cost = Some(step1_cost(&step0.measured, &beat.biomarkers));
         self.chain.verification = Some(done.key);
@@ -357,16 +350,6 @@ fn wrong_kind(step: Step, result: &TaskResult) -> Next {
 /// Cost of simulated biomarkers by step 1's formula.
 fn step1_cost(measured: &Biomarkers, simulated: &Biomarkers) -> f64 {
     fixed_point::Cost::of(&step1::biomarkers(measured), &step1::biomarkers(simulated)).total
-}
-
-/// The fitted cell in the organ: frozen values and fitted ones, without `a_p`, which is the 0D cell's passive stress;
-/// the organ has its own.
-#[must_use]
-pub fn cell_parameters(plan: &ResolvedPatient, fit: &CellFitResult) -> BTreeMap<String, f64> {
-    let mut parameters = plan.settings.step2.frozen.clone();
-    parameters.extend(fit.parameters.iter().map(|p| (p.name.clone(), p.value)));
-    parameters.remove("a_p_kPa");
-    parameters
 }
 
 /// A patient's own stream of random numbers: 53 bits, so that every reader of JSON gets the same number.

@@ -29,6 +29,7 @@ pub fn check(file: &PatientFile, folder: &Path, document: &Document, defaults: &
     };
     let pressure = read(&measured.pressure, Quantity::Pressure);
     let volume = read(&measured.volume, Quantity::Volume);
+    read(&measured.calcium, Quantity::Calcium);
     if report.is_broken(&document.file, "cycle_length_ms") {
         return;
     }

@@ -143,7 +143,12 @@ impl Values<'_> {
     fn measured(&mut self, file: &PatientFile) {
         let measured = &file.measured;
         let cycle_ms = file.cycle_length_ms;
-        for (key, name) in [("measured.pressure", &measured.pressure), ("measured.volume", &measured.volume)] {
+        let files = [
+            ("measured.pressure", &measured.pressure),
+            ("measured.volume", &measured.volume),
+            ("measured.calcium", &measured.calcium),
+        ];
+        for (key, name) in files {
             self.trace_file(key, name.as_deref());
         }
         self.range("measured.end_diastolic_pressure_mmHg", measured.end_diastolic_pressure_mmhg, -10.0, 60.0, "mmHg");

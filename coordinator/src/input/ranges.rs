@@ -187,6 +187,10 @@ impl List {
         if step2.parameters.is_empty() {
             let remedy = "name at least one; the default ten are in docs/models.md";
             self.add("step2.parameters", "an empty list", "parameters to fit", remedy);
+        } else if step2.fitted().is_empty() {
+            let remedy = "name at least one other: Rice's four have no effect where calcium is a fixed input";
+            self.add("step2.parameters", "calcium's parameters alone", "parameters to fit", remedy);
+            self.against("step2.calcium".to_owned());
         }
         let mut seen = Vec::new();
         for name in &step2.parameters {
@@ -209,6 +213,7 @@ impl List {
             }
             seen.push(name);
         }
+        self.initial_guess(step2);
         for name in step2.frozen.keys() {
             self.name(&format!("step2.frozen.{name}"), name, &CELL_PARAMETERS);
         }
@@ -221,6 +226,23 @@ impl List {
         if !step2.weights.values().any(|weight| *weight > 0.0) {
             let remedy = "give at least one biomarker a positive weight";
             self.add("step2.weights", "no positive weight", "something to fit", remedy);
+        }
+    }
+
+    /// Guesses of parameters that are fitted; those of Rice's where calcium is a fixed input change nothing.
+    fn initial_guess(&mut self, step2: &CellFitSettings) {
+        for (name, value) in &step2.initial {
+            let key = format!("step2.initial.{name}");
+            if !self.name(&key, name, &CELL_PARAMETERS) {
+                continue;
+            }
+            if !step2.parameters.contains(name) {
+                let remedy = "name it in step2.parameters too, or hold it with step2.frozen";
+                self.add(key, "a parameter that is not fitted", "a parameter of step2.parameters", remedy);
+                self.against("step2.parameters".to_owned());
+            } else if !value.is_finite() {
+                self.add(key, value.to_string(), "a finite number", "give a number in the parameter's unit");
+            }
         }
     }
 }
@@ -271,6 +293,15 @@ mod tests {
     }
 
     #[test]
+    fn without_rices_parameters_something_must_be_left_to_fit() {
+        let only_calcium = |s: &mut Settings| {
+            s.step2.parameters = vec!["Ca_max_uM".into()];
+            s.step2.calcium = cardiotwin_schemas::settings::CalciumSource::MedianTrace;
+        };
+        assert_eq!(keys(only_calcium), ["step2.parameters"]);
+    }
+
+    #[test]
     fn parameter_names_are_checked_wherever_they_stand() {
         let mut settings = Settings::default();
         settings.step1.frozen = vec!["Smax_ref".into()];
@@ -291,5 +322,12 @@ mod tests {
             ["step2.weights.STD40_ms"]
         );
         assert_eq!(keys(|s| s.step2.weights.clear()), ["step2.weights"]);
+        assert_eq!(
+            keys(|s| s.step2.initial = [("n_Tm".into(), 99.0)].into()),
+            Vec::<String>::new(),
+            "cut to the bounds"
+        );
+        assert_eq!(keys(|s| s.step2.initial = [("r_W".into(), 0.5)].into()), ["step2.initial.r_W"]);
+        assert_eq!(keys(|s| s.step2.initial = [("nTm".into(), 5.0)].into()), ["step2.initial.nTm"]);
     }
 }

@@ -31,6 +31,7 @@ pub fn resolve(
     let measured = &file.measured;
     let pressure = hashed("pressure", &measured.pressure)?;
     let volume = hashed("volume", &measured.volume)?;
+    let calcium = hashed("calcium", &measured.calcium)?;
     let biomarkers = measured.biomarkers.unwrap_or_default();
     let step0 = PassiveStateSpec {
         cycle_length_ms: file.cycle_length_ms,
@@ -56,6 +57,7 @@ pub fn resolve(
         workflow: Workflow::Personalise,
         random_stream: None,
         step0,
+        calcium,
         settings: settings.clone(),
         effects: effects.to_vec(),
     })

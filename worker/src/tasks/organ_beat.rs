@@ -5,9 +5,11 @@
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
+use std::sync::Arc;
 
 use cardiotwin_models::beat::{BeatCheck, BeatOutcome, BeatResult, BeatSettings, BeatTraces, Beats, run_beats};
-use cardiotwin_models::cell0d::CellSolverSettings;
+use cardiotwin_models::calcium::SampledCalcium;
+use cardiotwin_models::cell0d::{CalciumInput, CellError, CellParameters, CellSolverSettings};
 use cardiotwin_models::circulation::{Circulation, LeftHeart, StartPressure};
 use cardiotwin_models::contraction::{Tanh, TanhParameters};
 use cardiotwin_models::ventricle::{
@@ -20,6 +22,7 @@ use cardiotwin_signals::{BiomarkerSet, Continuation, Quantity, Trace};
 use cardiotwin_units::{Kpa, Ml, Mmhg, MmhgSPerMl, Ms};
 
 use crate::biomarkers;
+use crate::calcium;
 use crate::cell_parameters::NamedCell;
 use crate::context::Context;
 use crate::error::{TaskError, chain};
@@ -46,7 +49,7 @@ pub fn run(spec: &OrganBeatSpec, context: &mut Context) -> Result<Ending, TaskEr
         BeatOutcome::Finished(result) => {
             context.artefacts.write("traces", "traces.csv", &traces_csv(&result.traces))?;
             if let Some(nodes) = &result.traces.nodes {
-                let with_calcium = matches!(spec.contraction, ContractionSpec::Land2017Rice { .. });
+                let with_calcium = !matches!(spec.contraction, ContractionSpec::Tanh { .. });
                 let text = nodal::to_csv(&result.traces.time_ms, nodes, with_calcium);
                 context.artefacts.write("nodal", "nodal.csv", &text)?;
             }
@@ -104,12 +107,22 @@ fn contraction(spec: &ContractionSpec, cycle_length_ms: f64) -> Result<GroupCont
             Tanh::new(tanh(parameters)).map(GroupContraction::tanh).map_err(TaskError::Contraction)
         }
         ContractionSpec::Land2017Rice { parameters } => {
-            // Stretch counts from end-diastole: the cell's periodic state belongs to a beat that starts at one.
-            let cell = NamedCell::new(cycle_length_ms, 1.0).with(parameters)?.parameters().build()?;
-            let beat = cell.solve_periodic(&CellSolverSettings::default())?;
-            Ok(GroupContraction::land(&cell, &beat))
+            land(NamedCell::new(cycle_length_ms, 1.0).with(parameters)?.parameters())
+        }
+        ContractionSpec::Land2017Trace { parameters, calcium } => {
+            let cell = NamedCell::new(cycle_length_ms, 1.0).with(parameters)?.parameters();
+            let samples = calcium::samples(calcium, cycle_length_ms)?;
+            let sampled = SampledCalcium::new(Ms(calcium::INTERVAL_MS), samples).map_err(CellError::from)?;
+            land(CellParameters { calcium: CalciumInput::Sampled(Arc::new(sampled)), ..cell })
         }
     }
+}
+
+/// Stretch counts from end-diastole: the cell's periodic state belongs to a beat that starts at one.
+fn land(cell: CellParameters) -> Result<GroupContraction, TaskError> {
+    let cell = cell.build()?;
+    let beat = cell.solve_periodic(&CellSolverSettings::default())?;
+    Ok(GroupContraction::land(&cell, &beat))
 }
 
 fn tanh(p: &organ::TanhParameters) -> TanhParameters {

@@ -30,7 +30,7 @@ pub fn run(spec: &TargetsSpec, context: &mut Context) -> Result<TaskResult, Task
     let targets = to_schema(&biomarkers.ok_or(TaskError::NoMedian { n_nodes })?);
     context.artefacts.write("median", "median.csv", &median_csv(&median, has_calcium))?;
     let lambda_0 = median.lambda[0];
-    Ok(TaskResult::Targets(TargetsResult { lambda_0, targets, n_nodes }))
+    Ok(TaskResult::Targets(TargetsResult { lambda_0, targets, n_nodes, has_calcium }))
 }
 
 /// The biomarkers that step 2 aims at, in the form of files.

@@ -204,6 +204,7 @@ pub fn cell_fit_spec(cycle_length_ms: f64, targets: &TargetsResult, settings: Ce
         seed: settings.seed,
         settings,
         fixed: BTreeMap::new(),
+        calcium: None,
     }
 }
 

@@ -8,6 +8,7 @@ use cardiotwin_schemas::organ::{BeatCount, ContractionSpec};
 use cardiotwin_schemas::outcome::{Ending, OrganBeatResult, PassiveStateResult, TaskOutcome, TaskResult};
 use cardiotwin_schemas::plan::ResolvedPatient;
 use cardiotwin_schemas::record::PatientRecord;
+use cardiotwin_schemas::settings::CalciumSource;
 use cardiotwin_schemas::task::{OrganBeatSpec, TaskSpec};
 use clap::Args;
 use serde::Serialize;
@@ -20,7 +21,7 @@ use crate::cli::problems;
 use crate::cli::store::stored_overrides;
 use crate::cli::table::{Columns, optional, percent};
 use crate::cli::talk::{Talk, Tone, count};
-use crate::engine::{Reader, StoreError};
+use crate::engine::{Reader, StoreError, contraction};
 use crate::input::{self, Options, Report, nearest, value_from_text};
 use crate::results::{Biomarker, PatientView};
 
@@ -192,11 +193,8 @@ fn specification(
         let fit = record.and_then(|record| record.cell_fit.as_ref()).ok_or_else(|| {
             CliError::Usage(format!("--cell: step 2 of {} is not done; `cardiotwin run` does it", args.patient))
         })?;
-        let mut parameters = plan.settings.step2.frozen.clone();
-        parameters.extend(fit.result.parameters.iter().map(|p| (p.name.clone(), p.value)));
-        // The passive scale of the cell: the organ has its own passive state.
-        parameters.remove("a_p_kPa");
-        ContractionSpec::Land2017Rice { parameters }
+        let fixed = plan.settings.step2.calcium == CalciumSource::MedianTrace;
+        contraction(plan, &fit.result, plan.calcium.clone().filter(|_| fixed))
     } else {
         ContractionSpec::Tanh { parameters: tanh }
     };
@@ -230,7 +228,7 @@ fn with_parameters(spec: OrganBeatSpec, assignments: &[String]) -> Result<OrganB
         let mut known = Vec::new();
         if !replace(&mut value, name.trim(), number, &mut known) {
             // A cell parameter that is at its default does not stand in the specification.
-            let cell = matches!(spec.contraction, ContractionSpec::Land2017Rice { .. });
+            let cell = !matches!(spec.contraction, ContractionSpec::Tanh { .. });
             if cell && cardiotwin_schemas::organ::CELL_PARAMETERS.contains(&name.trim()) {
                 value["contraction"]["parameters"][name.trim()] = number.into();
                 continue;

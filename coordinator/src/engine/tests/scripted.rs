@@ -121,6 +121,10 @@ fn beat(biomarkers: Biomarkers) -> TaskResult {
     })
 }
 
+fn fitted(name: &str, value: f64, lower: f64, upper: f64) -> FittedParameter {
+    FittedParameter { name: name.into(), value, lower, upper, ..FittedParameter::default() }
+}
+
 impl Script {
     fn ending(&self, task: &TaskSpec) -> Ending {
         let result = match task {
@@ -132,14 +136,16 @@ impl Script {
                     }
                     beat(answer(Step1Parameters { tanh: *parameters, valves: spec.valves }.updated()))
                 }
-                ContractionSpec::Land2017Rice { .. } => beat(answer(TRUTH.map(|p| p * 1.01))),
+                ContractionSpec::Land2017Rice { .. } | ContractionSpec::Land2017Trace { .. } => {
+                    beat(answer(TRUTH.map(|p| p * 1.01)))
+                }
             },
-            TaskSpec::Targets(_) => TaskResult::Targets(TargetsResult { lambda_0: 1.0, targets: cell(), n_nodes: 16 }),
+            TaskSpec::Targets(_) => {
+                let has_calcium = false;
+                TaskResult::Targets(TargetsResult { lambda_0: 1.0, targets: cell(), n_nodes: 16, has_calcium })
+            }
             TaskSpec::CellFit(spec) => TaskResult::CellFit(CellFitResult {
-                parameters: vec![
-                    FittedParameter { name: "n_Tm".into(), value: 5.0, lower: 3.0, upper: 7.0, at_bound: false },
-                    FittedParameter { name: "a_p_kPa".into(), value: 43.0, lower: 1.0, upper: 100.0, at_bound: false },
-                ],
+                parameters: vec![fitted("n_Tm", 5.0, 3.0, 7.0), fitted("a_p_kPa", 43.0, 1.0, 100.0)],
                 reached: cell(),
                 targets: spec.targets,
                 cost: 0.02,
@@ -148,6 +154,7 @@ impl Script {
                 generations: 1,
                 converged: true,
                 unreachable_targets: vec![],
+                identifiability: None,
             }),
             TaskSpec::Noop(_) => TaskResult::Noop,
         };

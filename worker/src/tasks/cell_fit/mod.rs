@@ -70,7 +70,11 @@ pub fn run(spec: &CellFitSpec, context: &mut Context) -> Result<TaskResult, Task
             progress
         }
         None => Progress {
-            optimiser: DifferentialEvolution::new(objective.bounds(), &[], optimiser_settings(spec))?,
+            optimiser: DifferentialEvolution::new(
+                objective.bounds(),
+                &objective.guesses(spec)?,
+                optimiser_settings(spec),
+            )?,
             convergence: Vec::new(),
         },
     };
@@ -175,6 +179,7 @@ fn result(
             lower: bounds.lower,
             upper: bounds.upper,
             at_bound: (value - bounds.lower).min(bounds.upper - value) <= AT_BOUND * bounds.width(),
+            near_optimal: None,
         })
         .collect();
     let reached = to_schema(&evaluation.biomarkers);
@@ -196,6 +201,7 @@ fn result(
         evaluations: outcome.n_evaluations as u64,
         generations: outcome.n_generations as u64,
         converged: outcome.ending == Ending::Converged,
+        identifiability: None,
     }))
 }
 

@@ -9,7 +9,7 @@ use cardiotwin_models::cell0d::{
 use cardiotwin_schemas::biomarkers::CellBiomarkers;
 use cardiotwin_schemas::task::CellFitSpec;
 
-use crate::cell_parameters::NamedCell;
+use crate::cell_parameters::{NamedCell, position};
 use crate::error::TaskError;
 
 /// Cost of a cell that cannot be computed: finite, and worse than any that can.
@@ -74,17 +74,17 @@ impl Objective {
     /// [`TaskError`] for a parameter without a name in the cell or without bounds, or a target that is no number.
     pub fn new(spec: &CellFitSpec) -> Result<Self, TaskError> {
         let settings = &spec.settings;
-        let mut base = NamedCell::new(spec.cycle_length_ms, spec.lambda_0).with(&spec.fixed)?.with(&settings.frozen)?;
+        let base = NamedCell::new(spec.cycle_length_ms, spec.lambda_0).with(&spec.fixed)?.with(&settings.frozen)?;
         let mut bounds = Vec::new();
-        for name in &settings.parameters {
-            base.field(name)?;
+        for name in &settings.fitted() {
+            position(name)?;
             let [lower, upper] =
                 *settings.bounds.get(name).ok_or_else(|| TaskError::NoBounds { name: name.clone() })?;
             bounds.push(Interval::new(lower, upper));
         }
         Ok(Self {
             base,
-            names: settings.parameters.clone(),
+            names: settings.fitted(),
             bounds,
             targets: targets(&spec.targets)?,
             weights: weights(&settings.weights)?,
@@ -104,9 +104,21 @@ impl Objective {
         &self.names
     }
 
+    /// The guess that the settings give, if any: parameters that it leaves out are at their default.
+    ///
+    /// # Errors
+    /// [`TaskError::UnknownParameter`] for a name that the cell does not have.
+    pub fn guesses(&self, spec: &CellFitSpec) -> Result<Vec<Vec<f64>>, TaskError> {
+        if spec.settings.initial.is_empty() {
+            return Ok(Vec::new());
+        }
+        let guess = NamedCell::new(spec.cycle_length_ms, spec.lambda_0).with(&spec.settings.initial)?;
+        Ok(vec![self.names.iter().map(|name| guess.value(name)).collect::<Result<_, _>>()?])
+    }
+
     /// Value of a parameter that is not free.
     pub fn fixed_value(&self, name: &str) -> Result<f64, TaskError> {
-        self.base.clone().field(name).map(|value| *value)
+        self.base.value(name)
     }
 
     /// The cost alone; [`WORST`] where the cell cannot be computed.
@@ -123,13 +135,8 @@ impl Objective {
     /// # Errors
     /// [`CellError`] when the cell refuses the parameters or finds no periodic beat.
     pub fn evaluate(&self, values: &[f64], beat: &mut CellBeat) -> Result<Evaluation, CellError> {
-        let mut cell = self.base.clone();
-        for (name, value) in self.names.iter().zip(values) {
-            if let Ok(field) = cell.field(name) {
-                *field = *value;
-            }
-        }
-        let cell = cell.parameters().build()?;
+        let values: BTreeMap<String, f64> = self.names.iter().cloned().zip(values.iter().copied()).collect();
+        let cell = self.base.clone().with(&values).unwrap_or_else(|_| self.base.clone()).parameters().build()?;
         cell.solve_periodic_into(&self.solver, beat)?;
         let biomarkers = beat.biomarkers().ok_or(CellError::NotPeriodic { beats: 0, change: f64::NAN })?;
         let penalty = CellPenalty::new(&beat.time_ms, &beat.sa_kpa, &cell.calcium_biomarkers()?);

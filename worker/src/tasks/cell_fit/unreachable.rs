@@ -117,7 +117,7 @@ mod tests {
     };
 
     fn parameter(value: f64, lower: f64, at_bound: bool) -> FittedParameter {
-        FittedParameter { name: "n".to_owned(), value, lower, upper: 11.0, at_bound }
+        FittedParameter { name: "n".to_owned(), value, lower, upper: 11.0, at_bound, near_optimal: None }
     }
 
     #[test]

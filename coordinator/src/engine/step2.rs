@@ -1,0 +1,86 @@
+//! Step 2 as tasks: what the cell is fitted to, and the fitted cell in the organ. Pure.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use cardiotwin_schemas::failure::{Failure, FailureClass};
+use cardiotwin_schemas::organ::ContractionSpec;
+use cardiotwin_schemas::outcome::{Artefact, CellFitResult, TargetsResult};
+use cardiotwin_schemas::plan::ResolvedPatient;
+use cardiotwin_schemas::settings::CalciumSource;
+use cardiotwin_schemas::task::{CellFitSpec, InputFile};
+
+use super::workflow::stream;
+
+/// The fit of a patient's cell.
+#[must_use]
+pub fn cell_fit(plan: &ResolvedPatient, targets: &TargetsResult, calcium: Option<InputFile>) -> CellFitSpec {
+    let settings = plan.settings.step2.clone();
+    CellFitSpec {
+        cycle_length_ms: plan.step0.cycle_length_ms,
+        lambda_0: targets.lambda_0,
+        targets: targets.targets,
+        seed: stream(settings.seed, plan.random_stream().as_str()),
+        fixed: settings.frozen.clone(),
+        calcium,
+        settings,
+    }
+}
+
+/// The calcium that is a fixed input: the measured transient, else the median of the organ's nodes; none where Rice's
+/// transient is fitted.
+///
+/// # Errors
+/// [`Failure`] of class input where a fixed input is wanted and there is none.
+pub fn calcium(
+    plan: &ResolvedPatient,
+    targets: &TargetsResult,
+    artefacts: &[Artefact],
+    directory: &Path,
+) -> Result<Option<InputFile>, Failure> {
+    if plan.settings.step2.calcium == CalciumSource::Rice {
+        return Ok(None);
+    }
+    if plan.calcium.is_some() {
+        return Ok(plan.calcium.clone());
+    }
+    match artefacts.iter().find(|a| a.name == "median").filter(|_| targets.has_calcium) {
+        Some(median) => Ok(Some(InputFile {
+            name: "calcium".into(),
+            path: directory.join(&median.file),
+            sha256: median.sha256.clone(),
+        })),
+        None => Err(Failure {
+            class: FailureClass::Input,
+            message: "step2.calcium is \"median-trace\", but there is no calcium trace: patient.toml names none \
+                      (measured.calcium), and step 1's Tanh model has no calcium whose median could be taken"
+                .to_owned(),
+            remedy: Some(
+                "add calcium = \"calcium.csv\" (columns time_ms,Ca_uM from activation on) to [measured], or set \
+                 step2.calcium = \"rice\"; Rice's transient stays as it is where its four parameters are taken out of \
+                 step2.parameters"
+                    .to_owned(),
+            ),
+        }),
+    }
+}
+
+/// The fitted cell in the organ: frozen values and fitted ones, without `a_p`, which is the 0D cell's passive stress;
+/// the organ has its own.
+#[must_use]
+pub fn cell_parameters(plan: &ResolvedPatient, fit: &CellFitResult) -> BTreeMap<String, f64> {
+    let mut parameters = plan.settings.step2.frozen.clone();
+    parameters.extend(fit.parameters.iter().map(|p| (p.name.clone(), p.value)));
+    parameters.remove("a_p_kPa");
+    parameters
+}
+
+/// The contraction of the verification beat.
+#[must_use]
+pub fn contraction(plan: &ResolvedPatient, fit: &CellFitResult, calcium: Option<InputFile>) -> ContractionSpec {
+    let parameters = cell_parameters(plan, fit);
+    match calcium {
+        None => ContractionSpec::Land2017Rice { parameters },
+        Some(calcium) => ContractionSpec::Land2017Trace { parameters, calcium },
+    }
+}
