@@ -19,6 +19,7 @@ pub const CRATES: &[Rule] = &[
         may: &["units"],
         why: "a trace knows no model, so measured and simulated ones are treated alike",
     },
+    Rule { who: "mesh", may: &["units"], why: "a mesh knows no material, load or task, so any solver can stand on it" },
     Rule { who: "models", may: &["units", "signals"], why: "models know no task, queue or file of a patient" },
     Rule {
         who: "cell-engine",

@@ -1,0 +1,247 @@
+//! A truncated ellipsoid as left ventricle, with a passive ring at the base, sized from wall and cavity volume.
+//!
+//! The long axis is z, the apex points to −z, the septum's middle lies at −x, anterior is +y. Every layer through the
+//! wall is a triangulated surface of rings around the axis, of about equal edge length from a six-fold apex to the rim;
+//! layers are joined by wedges of three tetrahedra. The discrete volumes equal the requested ones to round-off: the two
+//! free lengths (endocardial short axis, wall thickness) are solved for on the mesh itself.
+
+mod rings;
+mod shape;
+mod wedges;
+
+pub use shape::Shape;
+
+use crate::cavity::Cavity;
+use crate::surface::{Surface, boundary, sorted};
+use crate::tet_mesh::{TetMesh, surface_names, tags};
+use cardiotwin_units::Ml;
+use rings::Rings;
+use std::collections::BTreeMap;
+
+/// Fewest and most nodes that can be asked for.
+pub const NODES: std::ops::RangeInclusive<usize> = 500..=2_000_000;
+
+/// What to generate. [`EllipsoidSpec::new`] gives the proportions used where nothing else is known.
+#[derive(Debug, Clone, PartialEq)]
+pub struct EllipsoidSpec {
+    /// Cavity volume below the rim, at the state to be meshed (diastasis, where that is what the image shows).
+    pub cavity: Ml,
+    /// Volume of the contracting wall, without the ring.
+    pub wall: Ml,
+    /// About how many nodes; met within a few percent.
+    pub n_nodes: usize,
+    /// Endocardial long over short semi-axis.
+    pub long_to_short: f64,
+    /// Height of the contracting wall's upper end above the equator, over the endocardial long semi-axis.
+    pub base_height: f64,
+    /// Height of the passive ring, over the endocardial long semi-axis; 0 for none.
+    pub ring_height: f64,
+    /// Wall thickness at the apex over that at the equator.
+    pub apex_wall: f64,
+    /// Angle around the axis that the septum takes, degrees, centred at −x; 0 for none.
+    pub septum_deg: f64,
+}
+
+impl EllipsoidSpec {
+    /// Default proportions: semi-axes 2.2 to 1, wall up to 0.25 and ring up to 0.37 of the long semi-axis above the
+    /// equator, apical wall 0.8 of the equatorial one, a third of the circumference for the septum. Assumptions of ours.
+    #[must_use]
+    pub fn new(cavity: Ml, wall: Ml, n_nodes: usize) -> Self {
+        Self {
+            cavity,
+            wall,
+            n_nodes,
+            long_to_short: 2.2,
+            base_height: 0.25,
+            ring_height: 0.12,
+            apex_wall: 0.8,
+            septum_deg: 120.0,
+        }
+    }
+}
+
+/// Why there is no such ellipsoid.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum EllipsoidError {
+    /// A setting outside its range.
+    #[error("ellipsoid: {key} is {found}, expected {expected}")]
+    Setting {
+        /// Its name.
+        key: &'static str,
+        /// Its value.
+        found: f64,
+        /// Its range.
+        expected: &'static str,
+    },
+    /// The two volumes could not be met on the mesh.
+    #[error(
+        "ellipsoid: no mesh of {n_nodes} nodes has a cavity of {cavity} and a wall of {wall} \
+         (residual {residual:.1e}); use more nodes or a rounder shape"
+    )]
+    NoSize {
+        /// Requested nodes.
+        n_nodes: usize,
+        /// Requested cavity.
+        cavity: Ml,
+        /// Requested wall.
+        wall: Ml,
+        /// Largest relative error of the two volumes.
+        residual: f64,
+    },
+}
+
+/// An ellipsoid and what was chosen for it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Ellipsoid {
+    /// The mesh; without frames.
+    pub mesh: TetMesh,
+    /// Its lengths.
+    pub shape: Shape,
+    /// Elements through the wall (wedges; nodes through the wall are one more).
+    pub n_layers: usize,
+}
+
+/// Generates the mesh. The same spec gives the same mesh, bit for bit.
+///
+/// # Errors
+/// [`EllipsoidError`] for settings outside their range or volumes that cannot be met.
+pub fn generate(spec: &EllipsoidSpec) -> Result<Ellipsoid, EllipsoidError> {
+    check(spec)?;
+    let first = Shape::from_volumes(spec);
+    let (rings, n_layers) = Rings::for_nodes(&first, spec.n_nodes);
+    let tets = wedges::split(&rings, n_layers);
+    let topology = Topology { spec, rings: &rings, n_layers, tets: &tets };
+    let shape = topology.fit(first)?;
+    let mut mesh = topology.mesh(&shape);
+    mesh.surfaces = topology.surfaces(&mesh);
+    Ok(Ellipsoid { mesh, shape, n_layers })
+}
+
+fn check(spec: &EllipsoidSpec) -> Result<(), EllipsoidError> {
+    let top = spec.base_height + spec.ring_height;
+    let rules = [
+        ("cavity (mL)", spec.cavity.0, spec.cavity.0 > 0.0 && spec.cavity.0 < 2000.0, "a volume in (0, 2000)"),
+        ("wall (mL)", spec.wall.0, spec.wall.0 > 0.0 && spec.wall.0 < 2000.0, "a volume in (0, 2000)"),
+        ("n_nodes", spec.n_nodes as f64, NODES.contains(&spec.n_nodes), "a number from 500 to 2,000,000"),
+        ("long_to_short", spec.long_to_short, (1.0..=5.0).contains(&spec.long_to_short), "a number from 1 to 5"),
+        ("base_height", spec.base_height, (-0.5..=0.7).contains(&spec.base_height), "a number from -0.5 to 0.7"),
+        ("ring_height", spec.ring_height, (0.0..=0.5).contains(&spec.ring_height), "a number from 0 to 0.5"),
+        ("base_height + ring_height", top, top <= 0.8, "at most 0.8"),
+        ("apex_wall", spec.apex_wall, (0.3..=1.5).contains(&spec.apex_wall), "a number from 0.3 to 1.5"),
+        ("septum_deg", spec.septum_deg, (0.0..=180.0).contains(&spec.septum_deg), "an angle from 0 to 180"),
+    ];
+    for (key, found, sound, expected) in rules {
+        if !sound {
+            return Err(EllipsoidError::Setting { key, found, expected });
+        }
+    }
+    Ok(())
+}
+
+/// Everything but the lengths.
+struct Topology<'a> {
+    spec: &'a EllipsoidSpec,
+    rings: &'a Rings,
+    n_layers: usize,
+    tets: &'a [wedges::WedgeTet],
+}
+
+impl Topology<'_> {
+    /// The mesh without surfaces.
+    fn mesh(&self, shape: &Shape) -> TetMesh {
+        let mut nodes_mm = Vec::with_capacity(self.rings.columns.len() * (self.n_layers + 1));
+        for column in &self.rings.columns {
+            for layer in 0..=self.n_layers {
+                let depth = layer as f64 / self.n_layers as f64;
+                nodes_mm.push(shape.point(depth, column.height, column.angle));
+            }
+        }
+        TetMesh {
+            nodes_mm,
+            tets: self.tets.iter().map(|tet| tet.corners).collect(),
+            tags: self
+                .tets
+                .iter()
+                .map(|tet| if tet.in_ring { tags::AORTIC_ROOT } else { tags::LEFT_VENTRICLE })
+                .collect(),
+            ..TetMesh::default()
+        }
+    }
+
+    /// Endocardial triangles: the innermost layer, normals into the cavity.
+    fn endocardium(&self) -> Vec<[u32; 3]> {
+        let step = self.n_layers as u32 + 1;
+        // rings are wound counter-clockwise seen from outside
+        self.rings.triangles.iter().map(|[a, b, c]| [a * step, c * step, b * step]).collect()
+    }
+
+    /// Lengths for which the mesh itself has the requested volumes: Newton in (short axis, thickness), differences for
+    /// the derivative.
+    fn fit(&self, mut shape: Shape) -> Result<Shape, EllipsoidError> {
+        let failed = |residual| EllipsoidError::NoSize {
+            n_nodes: self.spec.n_nodes,
+            cavity: self.spec.cavity,
+            wall: self.spec.wall,
+            residual,
+        };
+        let cavity = Cavity::behind(&self.endocardium()).map_err(|_| failed(f64::NAN))?;
+        let volumes = |shape: &Shape| {
+            let mesh = self.mesh(shape);
+            let wall = mesh.tissue_volume(&[tags::LEFT_VENTRICLE]);
+            [cavity.volume(&mesh.nodes_mm).0 / self.spec.cavity.0 - 1.0, wall.0 / self.spec.wall.0 - 1.0]
+        };
+        let mut residual = f64::INFINITY;
+        for _ in 0..20 {
+            let r = volumes(&shape);
+            residual = r[0].abs().max(r[1].abs());
+            if residual < 1e-12 {
+                return Ok(shape);
+            }
+            let step = 1e-6;
+            let by_axis = volumes(&Shape { short_mm: shape.short_mm * (1.0 + step), ..shape });
+            let by_wall = volumes(&Shape { wall_mm: shape.wall_mm * (1.0 + step), ..shape });
+            let a = [
+                [(by_axis[0] - r[0]) / step, (by_wall[0] - r[0]) / step],
+                [(by_axis[1] - r[1]) / step, (by_wall[1] - r[1]) / step],
+            ];
+            let det = a[0][0] * a[1][1] - a[0][1] * a[1][0];
+            let change = [(a[0][1] * r[1] - a[1][1] * r[0]) / det, (a[1][0] * r[0] - a[0][0] * r[1]) / det];
+            shape.short_mm *= 1.0 + change[0].clamp(-0.3, 0.3);
+            shape.wall_mm *= 1.0 + change[1].clamp(-0.3, 0.3);
+        }
+        if residual < 1e-9 { Ok(shape) } else { Err(failed(residual)) }
+    }
+
+    /// Boundary faces by the layer and ring that their nodes lie in.
+    fn surfaces(&self, mesh: &TetMesh) -> Vec<Surface> {
+        let step = self.n_layers as u32 + 1;
+        let mut parts: BTreeMap<&'static str, Vec<[u32; 3]>> = BTreeMap::new();
+        for face in boundary(mesh) {
+            let layers = sorted(face.triangle.map(|node| node % step));
+            let name = if layers == [0; 3] {
+                surface_names::ENDOCARDIUM
+            } else if layers == [step - 1; 3] {
+                if self.faces_septum(mesh, face.triangle) { surface_names::SEPTUM } else { surface_names::EPICARDIUM }
+            } else {
+                surface_names::RIM
+            };
+            parts.entry(name).or_default().push(face.triangle);
+        }
+        parts.into_iter().map(|(name, triangles)| Surface { name: name.to_owned(), triangles }).collect()
+    }
+
+    /// Whether an epicardial triangle lies in the septum's sector, between a fifth of the wall's height and its top.
+    fn faces_septum(&self, mesh: &TetMesh, triangle: [u32; 3]) -> bool {
+        let step = self.n_layers as u32 + 1;
+        let corners = triangle.map(|node| mesh.nodes_mm[node as usize]);
+        let [x, y]: [f64; 2] = std::array::from_fn(|i| corners.iter().map(|corner| corner[i]).sum::<f64>() / 3.0);
+        let off = y.atan2(-x).to_degrees().abs();
+        let heights = triangle.map(|node| self.rings.columns[(node / step) as usize].height);
+        off <= 0.5 * self.spec.septum_deg
+            && self.spec.septum_deg > 0.0
+            && heights.iter().all(|height| (0.2..=1.0).contains(height))
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,18 @@
+//! Tetrahedral meshes of the left ventricle: what a finite-element organ stands on.
+//!
+//! Lengths are in mm, times in ms, speeds in mm/ms (= m/s), volumes in mm³ unless a type says otherwise; files carry
+//! their own units (`.pts` in µm) and are converted where they are read and written. `docs/mesh.md` is the guide.
+
+pub mod adjacency;
+pub mod cavity;
+pub mod ellipsoid;
+pub mod quality;
+pub mod surface;
+pub mod tet_mesh;
+pub mod vec3;
+
+pub use adjacency::Adjacency;
+pub use cavity::Cavity;
+pub use ellipsoid::EllipsoidSpec;
+pub use surface::Surface;
+pub use tet_mesh::{Frame, TetMesh, tags};

@@ -1,0 +1,190 @@
+//! Surfaces of triangles: the boundary of a mesh, its parts, and their edges.
+
+use crate::tet_mesh::{FACES, TetMesh};
+use crate::vec3::{Vec3, cross, norm, scale, sub};
+use std::collections::BTreeMap;
+
+/// A named part of the boundary.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Surface {
+    /// One of [`crate::tet_mesh::surface_names`], or the file's own.
+    pub name: String,
+    /// Corners, ordered so that the normal points out of the tissue (for an endocardium: into the cavity).
+    pub triangles: Vec<[u32; 3]>,
+}
+
+impl Surface {
+    /// Nodes of the surface, ascending, each once.
+    #[must_use]
+    pub fn nodes(&self) -> Vec<u32> {
+        let mut nodes: Vec<u32> = self.triangles.iter().flatten().copied().collect();
+        nodes.sort_unstable();
+        nodes.dedup();
+        nodes
+    }
+
+    /// Area, mm².
+    #[must_use]
+    pub fn area_mm2(&self, nodes_mm: &[Vec3]) -> f64 {
+        self.triangles.iter().map(|t| norm(area_vector(*t, nodes_mm))).sum()
+    }
+}
+
+/// Half the cross product of two edges: area in mm² times the unit normal.
+#[must_use]
+pub fn area_vector(triangle: [u32; 3], nodes_mm: &[Vec3]) -> Vec3 {
+    let [a, b, c] = triangle.map(|node| nodes_mm[node as usize]);
+    scale(cross(sub(b, a), sub(c, a)), 0.5)
+}
+
+/// A face of the boundary and the element that it belongs to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct BoundaryFace {
+    /// Corners, outward normal.
+    pub triangle: [u32; 3],
+    /// The one element that has this face.
+    pub tet: u32,
+}
+
+/// Faces that belong to one element only, in the order of elements. Elements need a positive volume for the normals to
+/// point outward.
+#[must_use]
+pub fn boundary(mesh: &TetMesh) -> Vec<BoundaryFace> {
+    boundary_of(mesh, |_| true)
+}
+
+/// Boundary of the part of a mesh whose elements `within` accepts.
+pub fn boundary_of(mesh: &TetMesh, within: impl Fn(usize) -> bool) -> Vec<BoundaryFace> {
+    let mut faces: Vec<([u32; 3], BoundaryFace)> = Vec::with_capacity(4 * mesh.n_tets());
+    for (e, tet) in mesh.tets.iter().enumerate().filter(|(e, _)| within(*e)) {
+        for face in FACES {
+            let triangle = face.map(|i| tet[i]);
+            faces.push((sorted(triangle), BoundaryFace { triangle, tet: e as u32 }));
+        }
+    }
+    faces.sort_unstable_by_key(|(key, face)| (*key, face.tet));
+    let mut single: Vec<BoundaryFace> =
+        faces.chunk_by(|a, b| a.0 == b.0).filter(|same| same.len() == 1).map(|same| same[0].1).collect();
+    single.sort_unstable_by_key(|face| (face.tet, sorted(face.triangle)));
+    single
+}
+
+/// A triangle's corners, ascending: its name whatever its orientation.
+#[must_use]
+pub fn sorted(mut triangle: [u32; 3]) -> [u32; 3] {
+    triangle.sort_unstable();
+    triangle
+}
+
+/// Directed edges of a triangle.
+#[must_use]
+pub fn edges([a, b, c]: [u32; 3]) -> [(u32, u32); 3] {
+    [(a, b), (b, c), (c, a)]
+}
+
+/// What is wrong with a patch of triangles as a surface.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum SurfaceDefect {
+    /// An edge that three or more triangles share.
+    #[error(
+        "the edge between nodes {a} and {b} belongs to {n_triangles} triangles, but at most 2 can meet in a surface"
+    )]
+    Branched {
+        /// One end.
+        a: u32,
+        /// Other end.
+        b: u32,
+        /// Triangles there.
+        n_triangles: usize,
+    },
+    /// Two neighbours whose normals point to different sides.
+    #[error("the two triangles at the edge between nodes {a} and {b} are oriented against each other")]
+    Inconsistent {
+        /// One end.
+        a: u32,
+        /// Other end.
+        b: u32,
+    },
+    /// The rim of an opening that touches itself.
+    #[error("the rim of the surface's opening passes node {node} more than once")]
+    Pinched {
+        /// Where.
+        node: u32,
+    },
+}
+
+/// Openings of a patch of triangles: closed loops of nodes, each in the direction of the triangles' own edges, each
+/// beginning with its smallest node, ordered by that node. None for a closed surface.
+///
+/// # Errors
+/// [`SurfaceDefect`] where the patch is no oriented surface.
+pub fn openings(triangles: &[[u32; 3]]) -> Result<Vec<Vec<u32>>, SurfaceDefect> {
+    let mut uses: BTreeMap<(u32, u32), (usize, usize)> = BTreeMap::new();
+    for (a, b) in triangles.iter().flat_map(|t| edges(*t)) {
+        let count = uses.entry((a.min(b), a.max(b))).or_default();
+        if a < b {
+            count.0 += 1;
+        } else {
+            count.1 += 1;
+        }
+    }
+    let mut next: BTreeMap<u32, u32> = BTreeMap::new();
+    for ((a, b), (forward, backward)) in uses {
+        match (forward, backward) {
+            (1, 1) => {}
+            (1, 0) | (0, 1) => {
+                let (from, to) = if forward == 1 { (a, b) } else { (b, a) };
+                if next.insert(from, to).is_some() {
+                    return Err(SurfaceDefect::Pinched { node: from });
+                }
+            }
+            (2, 0) | (0, 2) => return Err(SurfaceDefect::Inconsistent { a, b }),
+            _ => return Err(SurfaceDefect::Branched { a, b, n_triangles: forward + backward }),
+        }
+    }
+    let mut loops = Vec::new();
+    while let Some((start, mut at)) = next.pop_first() {
+        let mut nodes = vec![start];
+        while at != start {
+            nodes.push(at);
+            at = next.remove(&at).ok_or(SurfaceDefect::Pinched { node: at })?;
+        }
+        loops.push(nodes);
+    }
+    Ok(loops)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_tetrahedron_is_closed_and_without_a_face_open() {
+        let mesh = TetMesh {
+            nodes_mm: vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
+            tets: vec![[0, 1, 2, 3]],
+            tags: vec![1],
+            ..TetMesh::default()
+        };
+        let mut triangles: Vec<_> = boundary(&mesh).iter().map(|face| face.triangle).collect();
+        assert_eq!(openings(&triangles), Ok(vec![]));
+        let gone = triangles.remove(0);
+        let opening = openings(&triangles).unwrap();
+        assert_eq!(opening.len(), 1);
+        assert_eq!(opening[0].len(), 3);
+        assert!(gone.iter().all(|node| opening[0].contains(node)));
+        triangles.push([gone[0], gone[2], gone[1]]);
+        assert!(matches!(openings(&triangles), Err(SurfaceDefect::Inconsistent { .. })));
+    }
+
+    #[test]
+    fn an_edge_of_three_triangles_is_refused() {
+        let found = openings(&[[0, 1, 2], [1, 0, 3], [0, 1, 4]]);
+        assert_eq!(found, Err(SurfaceDefect::Branched { a: 0, b: 1, n_triangles: 3 }));
+    }
+
+    #[test]
+    fn two_triangles_that_touch_in_a_point_are_pinched() {
+        assert_eq!(openings(&[[0, 1, 2], [0, 3, 4]]), Err(SurfaceDefect::Pinched { node: 0 }));
+    }
+}

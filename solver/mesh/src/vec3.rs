@@ -1,0 +1,75 @@
+//! Vectors of three numbers, as plain arrays: what the mesh needs of linear algebra.
+
+/// A point in mm, or a direction.
+pub type Vec3 = [f64; 3];
+
+/// a + b
+#[must_use]
+pub fn add(a: Vec3, b: Vec3) -> Vec3 {
+    [a[0] + b[0], a[1] + b[1], a[2] + b[2]]
+}
+
+/// a − b
+#[must_use]
+pub fn sub(a: Vec3, b: Vec3) -> Vec3 {
+    [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
+}
+
+/// s a
+#[must_use]
+pub fn scale(a: Vec3, s: f64) -> Vec3 {
+    [a[0] * s, a[1] * s, a[2] * s]
+}
+
+/// a + s b
+#[must_use]
+pub fn axpy(a: Vec3, s: f64, b: Vec3) -> Vec3 {
+    [a[0] + s * b[0], a[1] + s * b[1], a[2] + s * b[2]]
+}
+
+/// a · b
+#[must_use]
+pub fn dot(a: Vec3, b: Vec3) -> f64 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+/// a × b
+#[must_use]
+pub fn cross(a: Vec3, b: Vec3) -> Vec3 {
+    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+}
+
+/// |a|
+#[must_use]
+pub fn norm(a: Vec3) -> f64 {
+    dot(a, a).sqrt()
+}
+
+/// |a − b|
+#[must_use]
+pub fn distance(a: Vec3, b: Vec3) -> f64 {
+    norm(sub(a, b))
+}
+
+/// a / |a|, or nothing where |a| is zero or not finite.
+#[must_use]
+pub fn unit(a: Vec3) -> Option<Vec3> {
+    let length = norm(a);
+    (length > 0.0 && length.is_finite()).then(|| scale(a, 1.0 / length))
+}
+
+/// The part of `a` that is perpendicular to the unit vector `n`.
+#[must_use]
+pub fn reject(a: Vec3, n: Vec3) -> Vec3 {
+    axpy(a, -dot(a, n), n)
+}
+
+/// Some unit vector perpendicular to the unit vector `n`, always the same for the same `n`.
+#[must_use]
+pub fn any_perpendicular(n: Vec3) -> Vec3 {
+    let smallest = (0..3).min_by(|i, j| n[*i].abs().total_cmp(&n[*j].abs())).unwrap_or(0);
+    let mut axis = [0.0; 3];
+    axis[smallest] = 1.0;
+    let across = cross(n, axis);
+    scale(across, 1.0 / norm(across))
+}
