@@ -14,6 +14,8 @@ pub fn all() -> Vec<(&'static str, Schema)> {
         ("progress.schema.json", schema_for!(crate::progress::Progress)),
         ("claim.schema.json", schema_for!(crate::progress::Claim)),
         ("status.schema.json", schema_for!(crate::status::Status)),
+        ("sweep.schema.json", schema_for!(crate::sweep::SweepFile)),
+        ("sensitivity.schema.json", schema_for!(crate::sensitivity::SensitivityRecord)),
         ("run.schema.json", schema_for!(crate::record::RunRecord)),
     ]
 }

@@ -16,8 +16,10 @@ pub mod plan;
 pub mod progress;
 pub mod provenance;
 pub mod record;
+pub mod sensitivity;
 pub mod settings;
 pub mod status;
+pub mod sweep;
 pub mod task;
 
 pub mod json_schemas;

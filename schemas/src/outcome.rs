@@ -78,6 +78,8 @@ pub enum TaskResult {
     Targets(TargetsResult),
     /// Step 2.
     CellFit(CellFitResult),
+    /// A chunk of a sensitivity sweep.
+    CellSweep(CellSweepResult),
     /// Nothing.
     Noop,
 }
@@ -273,4 +275,22 @@ pub struct CellFitResult {
     /// How the parameters' near-optimal values were found.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub identifiability: Option<Identifiability>,
+}
+
+/// A chunk of a sensitivity sweep. Artefact: `samples` (`samples.csv`), a line a sample in the design's order.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct CellSweepResult {
+    /// Samples computed; all other counts are parts of it.
+    pub n_samples: u64,
+    /// In their periodic state.
+    pub n_periodic: u64,
+    /// Not periodic after the largest number of beats; their last beat is reported.
+    pub n_not_periodic: u64,
+    /// Without a result: the integration did not end.
+    pub n_stuck: u64,
+    /// Without a result: the equations have no meaning for the parameters.
+    pub n_refused: u64,
+    /// Instruction set of the cell engine, for example `avx512`: results agree between sets to rounding errors.
+    pub arithmetic: String,
 }

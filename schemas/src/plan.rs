@@ -1,14 +1,17 @@
 //! What the coordinator keeps of a patient when a run is planned: settings resolved, inputs hashed.
 
+use std::collections::BTreeMap;
+
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::biomarkers::Biomarkers;
 use crate::ids::PatientId;
-use crate::settings::Settings;
-use crate::task::{InputFile, PassiveStateSpec};
+use crate::settings::{ActivationSettings, Settings, StartMode};
+use crate::task::{InputFile, PassiveStateSpec, TaskSpec};
 
 /// Which chain of tasks a patient runs through.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Workflow {
     /// Step 0, step 1, targets, step 2, verification.
@@ -17,6 +20,11 @@ pub enum Workflow {
     Noop {
         /// How long each pretends to work.
         sleep_ms: u64,
+    },
+    /// One task of its own: an element of a sweep.
+    Task {
+        /// What to do.
+        task: Box<TaskSpec>,
     },
 }
 
@@ -49,5 +57,38 @@ impl ResolvedPatient {
     #[must_use]
     pub fn random_stream(&self) -> &PatientId {
         self.random_stream.as_ref().unwrap_or(&self.id)
+    }
+
+    /// A member of a run without measured data: an element of a sweep, or a no-op.
+    #[must_use]
+    pub fn without_data(id: PatientId, workflow: Workflow) -> Self {
+        let step0 = PassiveStateSpec {
+            cycle_length_ms: 1000.0,
+            pressure: None,
+            volume: None,
+            biomarkers: Biomarkers::default(),
+            end_diastolic_pressure_mmhg: None,
+            end_diastolic_volume_ml: None,
+            diastasis_time_ms: None,
+            diastasis_volume_ml: None,
+            aortic_systolic_mmhg: None,
+            aortic_diastolic_mmhg: None,
+            wall_volume_ml: None,
+            passive_exponent: None,
+            afterload: None,
+            left_atrial_pressure_mmhg: None,
+            start: StartMode::EndDiastole,
+            activation: ActivationSettings::default(),
+            biomarker_factors: BTreeMap::new(),
+        };
+        Self {
+            id,
+            workflow,
+            random_stream: None,
+            step0,
+            calcium: None,
+            settings: Settings::default(),
+            effects: Vec::new(),
+        }
     }
 }

@@ -11,6 +11,7 @@ use crate::hash::{canonical_json, sha256_hex};
 use crate::ids::{AttemptId, TaskKey};
 use crate::organ::{BeatCount, CirculationSpec, ContractionSpec, OrganSpec, ValveParameters, WindkesselParameters};
 use crate::settings::{ActivationSettings, CellFitSettings, InstructionSet, StartMode};
+use crate::sweep::CellDesign;
 
 /// A file that a task reads. The path is where it lies now; only name and content enter the key.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
@@ -36,6 +37,8 @@ pub enum TaskSpec {
     Targets(TargetsSpec),
     /// Step 2: differential evolution at the cell.
     CellFit(Box<CellFitSpec>),
+    /// A chunk of a sensitivity sweep: complete Saltelli blocks of 0D cells.
+    CellSweep(Box<CellSweepSpec>),
     /// Nothing: measures orchestration.
     Noop(NoopSpec),
 }
@@ -49,6 +52,7 @@ impl TaskSpec {
             Self::OrganBeat(_) => "organ-beat",
             Self::Targets(_) => "targets",
             Self::CellFit(_) => "cell-fit",
+            Self::CellSweep(_) => "cell-sweep",
             Self::Noop(_) => "noop",
         }
     }
@@ -58,7 +62,7 @@ impl TaskSpec {
     pub fn model_version(&self) -> u32 {
         match self {
             Self::CellFit(_) => 2,
-            Self::PassiveState(_) | Self::OrganBeat(_) | Self::Targets(_) | Self::Noop(_) => 1,
+            Self::PassiveState(_) | Self::OrganBeat(_) | Self::Targets(_) | Self::CellSweep(_) | Self::Noop(_) => 1,
         }
     }
 
@@ -198,6 +202,18 @@ pub struct CellFitSpec {
     /// Calcium from activation on, columns `time_ms` and `Ca_uM`, where it is a fixed input.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub calcium: Option<InputFile>,
+}
+
+/// Some blocks of a Saltelli design. The design's own length is no part of it: a longer one has the same first blocks.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct CellSweepSpec {
+    /// The design.
+    pub design: CellDesign,
+    /// First block, from 0.
+    pub first_block: u32,
+    /// Number of blocks, of 2D + 2 samples each.
+    pub n_blocks: u32,
 }
 
 /// Nothing to do.

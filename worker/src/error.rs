@@ -4,6 +4,8 @@ use std::io;
 use std::path::PathBuf;
 
 use cardiotwin_calibrate::differential_evolution::DifferentialEvolutionError;
+use cardiotwin_calibrate::sobol::SobolError;
+use cardiotwin_cell_engine::EngineError;
 use cardiotwin_schemas::biomarkers::STEP1_BIOMARKERS;
 use cardiotwin_schemas::failure::{Failure, FailureClass};
 use cardiotwin_schemas::organ::CELL_PARAMETERS;
@@ -117,6 +119,12 @@ pub enum TaskError {
     /// The optimiser refused its settings.
     #[error("differential evolution")]
     Optimiser(#[from] DifferentialEvolutionError),
+    /// The design of a sweep makes no sense.
+    #[error("design of the sweep")]
+    Design(#[from] SobolError),
+    /// The cell engine refused its settings.
+    #[error("cell engine")]
+    Engine(#[from] EngineError),
     /// No parameters within the bounds gave a cell that could be computed.
     #[error("no cell within the bounds could be computed")]
     NoCell,
@@ -184,7 +192,9 @@ impl TaskError {
             | Self::NoBounds { .. }
             | Self::UnknownWeight { .. }
             | Self::Target { .. }
-            | Self::Optimiser(_) => FailureClass::Input,
+            | Self::Optimiser(_)
+            | Self::Design(_)
+            | Self::Engine(_) => FailureClass::Input,
             Self::Organ(_) | Self::Contraction(_) | Self::Circulation(_) | Self::UnknownEffect { .. } => {
                 FailureClass::Input
             }
@@ -220,6 +230,7 @@ impl TaskError {
             Self::UnknownWeight { .. } => Some("correct [step2.weights]"),
             Self::NoCell => Some("move the bounds in [step2.bounds] towards Table A5's"),
             Self::Optimiser(_) => Some("correct [step2]"),
+            Self::Design(_) | Self::Engine(_) => Some("sweep again with bounds and settings that make sense"),
             Self::Threads(_) => Some("lower executor.threads, or raise the limit of processes"),
             Self::Nodal { .. } | Self::UnknownParameter { .. } | Self::Target { .. } => None,
             Self::Write { .. } | Self::Checkpoint(_) => Some("free space or restore write access, then retry"),

@@ -1,15 +1,12 @@
 //! What orchestration costs: many patients of three no-op tasks, through store, outbox and executor.
 
-use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
-use cardiotwin_schemas::biomarkers::Biomarkers;
 use cardiotwin_schemas::ids::PatientId;
 use cardiotwin_schemas::plan::{ResolvedPatient, Workflow};
-use cardiotwin_schemas::settings::{ActivationSettings, ExecutorKind, ExecutorSettings, Settings, StartMode};
-use cardiotwin_schemas::task::PassiveStateSpec;
+use cardiotwin_schemas::settings::{ExecutorKind, ExecutorSettings};
 use serde::Serialize;
 
 use super::{EngineError, Reader, RunOptions, StopSignal, run};
@@ -164,31 +161,5 @@ async fn kill_midway(options: &BenchOptions, arguments: &[String]) -> Result<(),
 /// A patient of three no-op tasks.
 #[must_use]
 pub fn noop_patient(id: &str, sleep_ms: u64) -> ResolvedPatient {
-    ResolvedPatient {
-        id: PatientId::from(id),
-        workflow: Workflow::Noop { sleep_ms },
-        random_stream: None,
-        step0: PassiveStateSpec {
-            cycle_length_ms: 1000.0,
-            pressure: None,
-            volume: None,
-            biomarkers: Biomarkers::default(),
-            end_diastolic_pressure_mmhg: None,
-            end_diastolic_volume_ml: None,
-            diastasis_time_ms: None,
-            diastasis_volume_ml: None,
-            aortic_systolic_mmhg: None,
-            aortic_diastolic_mmhg: None,
-            wall_volume_ml: None,
-            passive_exponent: None,
-            afterload: None,
-            left_atrial_pressure_mmhg: None,
-            start: StartMode::EndDiastole,
-            activation: ActivationSettings::default(),
-            biomarker_factors: BTreeMap::new(),
-        },
-        calcium: None,
-        settings: Settings::default(),
-        effects: Vec::new(),
-    }
+    ResolvedPatient::without_data(PatientId::from(id), Workflow::Noop { sleep_ms })
 }

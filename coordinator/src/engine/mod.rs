@@ -47,7 +47,7 @@ mod workflow;
 mod world;
 
 pub use crate::store::lock::{LockError, LockHolder};
-pub use crate::store::{AttemptRecord, EventRecord, LeafChange, Reader, StepExplanation, StoreError};
+pub use crate::store::{AttemptRecord, EventRecord, LeafChange, MemberRecord, Reader, StepExplanation, StoreError};
 pub use error::EngineError;
 pub use events::{EngineEvent, EventSender, PatientEnding, RunSummary};
 pub use step2::contraction;

@@ -81,9 +81,10 @@ pub fn evaluate<'a>(
     settled: &dyn Fn(&TaskKey) -> Option<Settled<'a>>,
 ) -> Evaluation {
     let mut derivation = Derivation { plan, carried, settled, chain: Chain::default() };
-    let next = match plan.workflow {
+    let next = match &plan.workflow {
         Workflow::Personalise => derivation.personalise(),
-        Workflow::Noop { sleep_ms } => derivation.noops(sleep_ms),
+        Workflow::Noop { sleep_ms } => derivation.noops(*sleep_ms),
+        Workflow::Task { task } => derivation.one_task(task),
     };
     Evaluation { next: next.err().unwrap_or(Next::Finished), chain: derivation.chain }
 }
@@ -118,6 +119,12 @@ impl<'a> Derivation<'a, '_> {
             let done = self.result(Step { stage: Stage::Noop, number }, spec)?;
             self.chain.noops.push(done.key);
         }
+        Ok(())
+    }
+
+    fn one_task(&mut self, task: &TaskSpec) -> Derived<()> {
+        let done = self.result(Step::only(Stage::Task), task.clone())?;
+        self.chain.task = Some(done.key);
         Ok(())
     }
 

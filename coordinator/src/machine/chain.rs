@@ -31,6 +31,9 @@ pub struct Chain {
     pub verification_cost: Option<f64>,
     /// No-op tasks.
     pub noops: Vec<TaskKey>,
+    /// The one task of a sweep's element.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub task: Option<TaskKey>,
 }
 
 /// One simulation of step 1.
@@ -58,6 +61,7 @@ impl Chain {
             .chain([Stage::Step2].into_iter().zip(&self.cell_fit))
             .chain([Stage::Verification].into_iter().zip(&self.verification))
             .chain(std::iter::repeat(Stage::Noop).zip(&self.noops))
+            .chain([Stage::Task].into_iter().zip(&self.task))
             .scan((None, 0), |(last, number), (stage, key)| {
                 *number = if *last == Some(stage) { *number + 1 } else { 1 };
                 *last = Some(stage);

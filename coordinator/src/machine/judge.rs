@@ -7,7 +7,7 @@ use cardiotwin_schemas::biomarkers::{Biomarkers, CellBiomarkers};
 use cardiotwin_schemas::failure::{Failure, FailureClass};
 use cardiotwin_schemas::ids::AttemptId;
 use cardiotwin_schemas::outcome::{
-    CellFitResult, Ending, OrganBeatResult, PassiveStateResult, TargetsResult, TaskOutcome, TaskResult,
+    CellFitResult, CellSweepResult, Ending, OrganBeatResult, PassiveStateResult, TargetsResult, TaskOutcome, TaskResult,
 };
 
 use super::job::AttemptEnding;
@@ -43,6 +43,7 @@ fn science(kind: &str, result: &TaskResult) -> Result<(), Failure> {
         ("organ-beat", TaskResult::OrganBeat(r)) => organ_beat(r),
         ("targets", TaskResult::Targets(r)) => targets(r),
         ("cell-fit", TaskResult::CellFit(r)) => cell_fit(r),
+        ("cell-sweep", TaskResult::CellSweep(r)) => cell_sweep(r),
         ("noop", TaskResult::Noop) => Ok(()),
         (kind, other) => {
             let found = match other {
@@ -50,6 +51,7 @@ fn science(kind: &str, result: &TaskResult) -> Result<(), Failure> {
                 TaskResult::OrganBeat(_) => "organ-beat",
                 TaskResult::Targets(_) => "targets",
                 TaskResult::CellFit(_) => "cell-fit",
+                TaskResult::CellSweep(_) => "cell-sweep",
                 TaskResult::Noop => "noop",
             };
             Err(Failure::new(FailureClass::Bug, format!("a task of kind {kind} was answered by a result of {found}")))
@@ -92,6 +94,16 @@ fn targets(r: &TargetsResult) -> Result<(), Failure> {
     cell_biomarkers(&r.targets)?;
     if r.n_nodes == 0 {
         return Err(numerics("no node entered the medians".into()));
+    }
+    Ok(())
+}
+
+/// Samples that fail are part of a sweep's answer; only that each is accounted for is checked.
+fn cell_sweep(r: &CellSweepResult) -> Result<(), Failure> {
+    let counted = r.n_periodic + r.n_not_periodic + r.n_stuck + r.n_refused;
+    if r.n_samples == 0 || counted != r.n_samples {
+        let message = format!("of {} samples {counted} are accounted for", r.n_samples);
+        return Err(Failure::new(FailureClass::Bug, message));
     }
     Ok(())
 }

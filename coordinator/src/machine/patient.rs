@@ -12,6 +12,7 @@
 //!
 //!  steps:  step-0 ─► step-1 iteration 1 … k ─► targets ─► step-2 ─► verification      (personalise)
 //!          noop-1 ─► noop-2 ─► noop-3                                                 (noop)
+//!          task                                                                       (an element of a sweep)
 //! ```
 //! `stalled` is a quality of step 1's result, no state: the chain goes on from the best iteration. Steps only go
 //! forward; only `Replan` goes back. Done, Failed and Cancelled absorb every observation.
@@ -44,6 +45,8 @@ pub enum Stage {
     Verification,
     /// A no-op.
     Noop,
+    /// The one task of a sweep's element.
+    Task,
 }
 
 impl Stage {
@@ -57,6 +60,7 @@ impl Stage {
             Self::Step2 => "step-2",
             Self::Verification => "verification",
             Self::Noop => "noop",
+            Self::Task => "task",
         }
     }
 }

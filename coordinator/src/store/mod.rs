@@ -24,5 +24,6 @@ pub use batch::Batch;
 pub use error::StoreError;
 pub use open::DATABASE_FILE;
 pub use reader::Reader;
+pub use record::MemberRecord;
 pub use view::{AttemptRecord, EventRecord, LeafChange, StepExplanation, leaf_changes};
 pub use writer::{Loaded, Writer};

@@ -5,7 +5,9 @@ use std::path::{Path, PathBuf};
 
 use cardiotwin_schemas::SCHEMA_VERSION;
 use cardiotwin_schemas::cohort::SettingsLayer;
+use cardiotwin_schemas::failure::Failure;
 use cardiotwin_schemas::ids::{PatientId, TaskKey};
+use cardiotwin_schemas::plan::ResolvedPatient;
 use cardiotwin_schemas::record::{PatientRecord, RunRecord};
 use cardiotwin_schemas::status::{PatientStatus, Status};
 use sqlx::Row as _;
@@ -14,13 +16,13 @@ use tokio::sync::Mutex;
 
 use super::open::{DATABASE_FILE, ReadOnly, VERSION};
 use super::patients::PatientRow;
-use super::record::{self, Settled};
+use super::record::{self, MemberRecord, Settled};
 use super::view::{self, AttemptRecord, EventRecord, StepExplanation};
 use super::writer::{parse, patient_row};
 use super::{StoreError, attempts, events, lock, open, patients, steps};
 use crate::clock;
 use crate::machine::chain::Chain;
-use crate::machine::patient::{Stage, Step};
+use crate::machine::patient::{Patient, Stage, Step};
 
 /// A read-only view of a run's database; works while a coordinator writes and where we may not write.
 pub struct Reader {
@@ -108,7 +110,29 @@ impl Reader {
         })
     }
 
-    /// The same for one patient.
+    /// The elements of a sweep, in its order.
+    ///
+    /// # Errors
+    /// The store's.
+    pub async fn members(&self) -> Result<Vec<MemberRecord>, StoreError> {
+        let settled = self.settled(SETTLED, None).await?;
+        let now_ms = clock::now_ms();
+        let mut wide = HashMap::new();
+        for row in self.rows(patients::SELECT_PLANS, None).await? {
+            wide.insert(row.get::<i64, _>("patient_id"), row);
+        }
+        let rows = self.active_patients().await?;
+        rows.into_iter()
+            .filter_map(|row| Some((wide.get(&row.id)?, row)))
+            .map(|(wide, row)| {
+                let (plan, chain) = plan_and_chain(&row, wide)?;
+                let failure = failure_of(&row);
+                Ok(record::member(plan, status_of(row, now_ms), failure, &chain, &settled))
+            })
+            .collect()
+    }
+
+    /// [`Reader::record`] for one patient.
     ///
     /// # Errors
     /// [`StoreError::NoPatient`] and the store's others.
@@ -267,13 +291,20 @@ fn patient_of(
     settled: &HashMap<TaskKey, Settled>,
     now_ms: i64,
 ) -> Result<PatientRecord, StoreError> {
+    let (plan, chain) = plan_and_chain(&row, wide)?;
+    let failure = failure_of(&row);
+    Ok(record::patient(plan, status_of(row, now_ms), failure, chain, settled))
+}
+
+fn plan_and_chain(row: &PatientRow, wide: &SqliteRow) -> Result<(ResolvedPatient, Chain), StoreError> {
     let (plan, chain): (String, String) =
         (wide.get::<Option<String>, _>("plan").unwrap_or_else(|| wide.get("given")), wide.get("chain"));
-    let plan = parse(&plan, "plans", "plan", &row.patient)?;
-    let chain: Chain = parse(&chain, "plans", "chain", &row.patient)?;
-    let failure = match &row.state {
-        crate::machine::patient::Patient::Failed { failure, .. } => Some(failure.clone()),
+    Ok((parse(&plan, "plans", "plan", &row.patient)?, parse(&chain, "plans", "chain", &row.patient)?))
+}
+
+fn failure_of(row: &PatientRow) -> Option<Failure> {
+    match &row.state {
+        Patient::Failed { failure, .. } => Some(failure.clone()),
         _ => None,
-    };
-    Ok(record::patient(plan, status_of(row, now_ms), failure, chain, settled))
+    }
 }

@@ -17,6 +17,19 @@ use super::writer::parse;
 use crate::machine::chain::Chain;
 use crate::machine::task::Task;
 
+/// An element of a sweep and what came of it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct MemberRecord {
+    /// What was to be done.
+    pub plan: ResolvedPatient,
+    /// Where it stands.
+    pub status: PatientStatus,
+    /// The failure that holds it, if one does.
+    pub failure: Option<Failure>,
+    /// Its published result.
+    pub task: Option<TaskRecord<TaskResult>>,
+}
+
 /// A settled task as it was read.
 #[derive(Debug)]
 pub(super) struct Settled {
@@ -54,6 +67,18 @@ impl Settled {
             _ => None,
         }
     }
+}
+
+/// An element of a sweep: a patient whose chain is one task.
+pub(super) fn member(
+    plan: ResolvedPatient,
+    status: PatientStatus,
+    failure: Option<Failure>,
+    chain: &Chain,
+    settled: &HashMap<TaskKey, Settled>,
+) -> MemberRecord {
+    let task = chain.task.as_ref().and_then(|key| settled.get(key)?.record(key, |result| Some(result.clone())));
+    MemberRecord { plan, status, failure, task }
 }
 
 pub(super) fn patient(

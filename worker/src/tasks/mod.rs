@@ -1,6 +1,7 @@
 //! One conversion from specification to solver types per kind of task.
 
 pub mod cell_fit;
+pub mod cell_sweep;
 pub mod noop;
 pub mod organ_beat;
 pub mod passive_state;
@@ -15,6 +16,7 @@ use crate::error::TaskError;
 /// Does the work of `task`. Every way in which it can end is an [`Ending`].
 pub fn run_task(task: &TaskSpec, context: &mut Context) -> Ending {
     let ending: Result<Ending, TaskError> = match task {
+        TaskSpec::CellSweep(spec) => cell_sweep::run(spec, context).map(succeeded),
         TaskSpec::Noop(spec) => noop::run(spec, context).map(succeeded),
         TaskSpec::PassiveState(spec) => passive_state::run(spec, context).map(succeeded),
         TaskSpec::OrganBeat(spec) => organ_beat::run(spec, context),

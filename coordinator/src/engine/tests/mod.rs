@@ -8,10 +8,13 @@ use std::sync::{Arc, Mutex};
 use cardiotwin_schemas::cohort::SettingsLayer;
 use cardiotwin_schemas::failure::FailureClass;
 use cardiotwin_schemas::ids::PatientId;
+use cardiotwin_schemas::outcome::TaskResult;
 use cardiotwin_schemas::overlay::ModelOverlay;
 use cardiotwin_schemas::plan::{ResolvedPatient, Workflow};
 use cardiotwin_schemas::record::{PatientRecord, Step1Quality};
 use cardiotwin_schemas::settings::ExecutorSettings;
+use cardiotwin_schemas::sweep::{CellDesign, SweptParameter};
+use cardiotwin_schemas::task::{CellSweepSpec, TaskSpec};
 use serde_json::json;
 
 use super::*;
@@ -299,4 +302,42 @@ fn each_patient_has_its_own_stream_that_any_json_reader_keeps() {
     let (a, b) = (workflow::stream(1, "01-CoA"), workflow::stream(1, "02-CoA"));
     assert!(a != b && a != workflow::stream(2, "01-CoA"));
     assert!(a < 1 << 53 && b < 1 << 53);
+}
+
+fn element(number: u32) -> ResolvedPatient {
+    let task = TaskSpec::CellSweep(Box::new(CellSweepSpec {
+        design: CellDesign {
+            parameters: vec![SweptParameter { name: "n_Tm".into(), lower: 3.0, upper: 7.0 }],
+            skip_points: 0,
+            scramble_seed: None,
+            cycle_length_ms: 1000.0,
+            lambda_0: 1.1,
+            fixed: Default::default(),
+            tolerance: 1e-4,
+        },
+        first_block: 8 * number,
+        n_blocks: 8,
+    }));
+    let id = PatientId(format!("chunk-{number}"));
+    ResolvedPatient::without_data(id, Workflow::Task { task: Box::new(task) })
+}
+
+#[tokio::test]
+async fn elements_of_a_sweep_are_one_task_each_and_more_of_them_repeat_none() {
+    let mut bench = Bench::new((0..3).map(element).collect());
+    let (summary, submitted) = bench.run().await;
+    assert_eq!((summary.done, submitted.len()), (3, 3));
+    bench.patients.push(element(3));
+    let (summary, submitted) = bench.run().await;
+    assert_eq!((summary.done, submitted), (4, vec!["cell-sweep"]));
+    let members = Reader::open(bench.path()).await.unwrap().members().await.unwrap();
+    assert_eq!(
+        members.iter().map(|m| m.plan.id.as_str()).collect::<Vec<_>>(),
+        ["chunk-0", "chunk-1", "chunk-2", "chunk-3"]
+    );
+    for member in members {
+        let task = member.task.expect("its result is published");
+        assert!(matches!(task.result, TaskResult::CellSweep(r) if r.n_samples == 32));
+        assert_eq!((member.status.state.as_str(), member.failure), ("done", None));
+    }
 }

@@ -12,8 +12,8 @@ use cardiotwin_schemas::organ::{
     ActivationSpec, CirculationSpec, ContractionSpec, OneFibrePassive, OrganSpec, Step1Parameters, WindkesselParameters,
 };
 use cardiotwin_schemas::outcome::{
-    Artefact, CellFitResult, Check, Ending, FittedParameter, OrganBeatResult, PassiveStateResult, TargetsResult,
-    TaskOutcome, TaskResult,
+    Artefact, CellFitResult, CellSweepResult, Check, Ending, FittedParameter, OrganBeatResult, PassiveStateResult,
+    TargetsResult, TaskOutcome, TaskResult,
 };
 use cardiotwin_schemas::provenance::Provenance;
 use cardiotwin_schemas::task::TaskSpec;
@@ -156,6 +156,17 @@ impl Script {
                 unreachable_targets: vec![],
                 identifiability: None,
             }),
+            TaskSpec::CellSweep(spec) => {
+                let n_samples = u64::from(spec.n_blocks) * (2 * spec.design.parameters.len() as u64 + 2);
+                TaskResult::CellSweep(CellSweepResult {
+                    n_samples,
+                    n_periodic: n_samples,
+                    n_not_periodic: 0,
+                    n_stuck: 0,
+                    n_refused: 0,
+                    arithmetic: "scripted".into(),
+                })
+            }
             TaskSpec::Noop(_) => TaskResult::Noop,
         };
         Ending::Succeeded { result: Box::new(result) }

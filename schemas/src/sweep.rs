@@ -1,0 +1,123 @@
+//! `sweep.json`: what a folder of a sweep is about, and everything that its results follow from.
+
+use std::collections::BTreeMap;
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// `sweep.json` in the folder of a sweep, beside the run's database.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct SweepFile {
+    /// Format version.
+    pub schema_version: u32,
+    /// Version of the program that made the folder.
+    pub version: String,
+    /// UTC, RFC 3339: when it was made.
+    pub created: String,
+    /// What is swept, and how.
+    pub sweep: SweepSpec,
+}
+
+/// What is swept, and how.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(tag = "kind", rename_all = "kebab-case")]
+pub enum SweepSpec {
+    /// Sobol sensitivity analysis of the 0D cell.
+    Gsa(Box<GsaSpec>),
+}
+
+impl SweepSpec {
+    /// The kind as in files and tables.
+    #[must_use]
+    pub fn kind(&self) -> &'static str {
+        match self {
+            Self::Gsa(_) => "gsa",
+        }
+    }
+}
+
+/// A Sobol sensitivity analysis of the 0D cell (Jung et al. 2022, section 2.4).
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct GsaSpec {
+    /// The design, box and cell: what the samples follow from.
+    pub design: CellDesign,
+    /// Base points N; each gives a block of 2D + 2 samples.
+    pub n_blocks: u32,
+    /// Blocks of a chunk: what one task computes. Changes no result.
+    pub chunk_blocks: u32,
+    /// What the indices follow from beside the samples.
+    pub analysis: GsaAnalysis,
+}
+
+/// A Saltelli design over parameters of the 0D cell, and the cell's other settings.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct CellDesign {
+    /// Parameters in the design's order, which is that of its columns.
+    pub parameters: Vec<SweptParameter>,
+    /// First points of the Sobol sequence to leave out.
+    pub skip_points: u64,
+    /// Seed of a scrambled sequence; a plain one if none.
+    pub scramble_seed: Option<u64>,
+    /// Cycle length.
+    pub cycle_length_ms: f64,
+    /// Initial stretch.
+    pub lambda_0: f64,
+    /// Parameters outside of the design that differ from the cell's defaults.
+    pub fixed: BTreeMap<String, f64>,
+    /// Tolerance of the cell engine.
+    pub tolerance: f64,
+}
+
+/// A parameter and the interval that it is drawn from, in the unit that its name says.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct SweptParameter {
+    /// One of the cell's names.
+    pub name: String,
+    /// Smallest value.
+    pub lower: f64,
+    /// Largest value.
+    pub upper: f64,
+}
+
+/// How indices are made of the samples: may be changed without computing any sample again.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct GsaAnalysis {
+    /// Bootstrap resamples; fewer than two give no intervals.
+    pub resamples: u32,
+    /// Probability that an interval covers.
+    pub confidence: f64,
+    /// Seed of the bootstrap.
+    pub seed: u64,
+    /// Which samples are not physiological.
+    pub exclusion: ExclusionRule,
+}
+
+impl Default for GsaAnalysis {
+    fn default() -> Self {
+        Self { resamples: 1000, confidence: 0.95, seed: 1, exclusion: ExclusionRule::default() }
+    }
+}
+
+/// When a sample is not physiological (section 2.4: step 2's constraints on the active stress, with some resting stress
+/// allowed). The smallest stresses and slopes are what integration leaves of zero.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct ExclusionRule {
+    /// Largest stress at the beat's start, as a share of the largest stress.
+    pub resting_share: f64,
+    /// Fastest rise of the stress after its maximum.
+    pub rise_after_peak_kpa_per_ms: f64,
+    /// Most negative stress, as a positive number.
+    pub negative_stress_kpa: f64,
+}
+
+impl Default for ExclusionRule {
+    fn default() -> Self {
+        Self { resting_share: 0.1, rise_after_peak_kpa_per_ms: 3e-5, negative_stress_kpa: 1e-6 }
+    }
+}
