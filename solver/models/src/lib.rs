@@ -5,6 +5,8 @@
 //! - [`cell0d`]: the electromechanical cell `Sa + S_p = 0` in its periodic state, its biomarkers, cost and penalty
 //! - [`circulation`]: compartments and flow paths around one ventricle
 //! - [`ventricle`]: the [`ventricle::Ventricle`] trait and its one-fibre implementation
+//! - [`effects`]: the catalogue of what the base model lacks, and base model and effects put together
+//! - [`periodic`]: the periodic beat found quickly, and the base model in the parameters of a fit
 //! - [`beat`]: one beat or several to periodicity, with traces and checks; [`median_traces`]: step 2's targets
 //!
 //! Units: ms, kPa inside the wall, mmHg, mL and mL/s in the circulation, µM.
@@ -16,6 +18,8 @@ pub mod calcium;
 pub mod cell0d;
 pub mod circulation;
 pub mod contraction;
+pub mod effects;
 pub mod median_traces;
+pub mod periodic;
 pub mod roots;
 pub mod ventricle;

@@ -116,6 +116,31 @@ impl Circulation {
         self.connections.len() - 1
     }
 
+    /// Puts another compartment in the place of one, at its start state; paths stay as they are.
+    ///
+    /// # Panics
+    /// When there is no compartment at this position.
+    pub fn replace_compartment(&mut self, idx: usize, compartment: Box<dyn Compartment>) {
+        let mut compartments = std::mem::take(&mut self.compartments);
+        compartments[idx] = compartment;
+        self.first_state.truncate(1);
+        self.now.states.clear();
+        self.now.pressures_mmhg.clear();
+        self.trial_pressures.clear();
+        self.pending = None;
+        for compartment in compartments {
+            self.add_compartment(compartment);
+        }
+    }
+
+    /// Puts another path in the place of one: same compartment, same direction.
+    ///
+    /// # Panics
+    /// When there is no path at this position.
+    pub fn replace_path(&mut self, idx: usize, path: Box<dyn FlowPath>) {
+        self.connections[idx].path = path;
+    }
+
     /// Time of the last committed step.
     #[must_use]
     pub fn time(&self) -> Ms {
@@ -132,6 +157,15 @@ impl Circulation {
     #[must_use]
     pub fn compartment_idx(&self, name: &str) -> Option<usize> {
         self.compartments.iter().position(|c| c.name() == name)
+    }
+
+    /// Positions of the paths from the compartment with this name into the ventricle.
+    #[must_use]
+    pub fn paths_back_from(&self, compartment: &str) -> Vec<usize> {
+        let from = |c: &Connection| {
+            c.direction == Direction::IntoVentricle && self.compartments[c.compartment_idx].name() == compartment
+        };
+        (0..self.connections.len()).filter(|idx| from(&self.connections[*idx])).collect()
     }
 
     /// Committed pressure of a compartment.
@@ -305,6 +339,18 @@ impl Circulation {
     #[must_use]
     pub fn snapshot(&self) -> CirculationState {
         self.now.clone()
+    }
+
+    /// What the next beat depends on.
+    pub(crate) fn beat_state(&self) -> &[f64] {
+        &self.now.states
+    }
+
+    /// Begins a beat at time zero with these component states.
+    pub(crate) fn begin_beat(&mut self, states: &[f64]) {
+        self.now.states.copy_from_slice(states);
+        self.now.time_ms = 0.0;
+        self.roll_back();
     }
 
     /// Goes back to a snapshot and drops any pending trial.

@@ -1,7 +1,7 @@
 //! The circulation around one ventricle, assembled from components.
 //!
-//! Compartments (an atrium, an arterial load, later a right ventricle) hang on the ventricle by flow paths (valves, later
-//! leaks and stenoses). Each kind is one file that implements [`Compartment`] or [`FlowPath`]; an effect is one more entry
+//! Compartments (an atrium, an arterial load, a right ventricle) hang on the ventricle by flow paths (valves, leaks,
+//! stenoses). Each kind is one file that implements [`Compartment`] or [`FlowPath`]; an effect is one more entry
 //! in the lists. Components hold parameters only: their states are numbers that the circulation keeps, so that a step can
 //! be tried, committed, rolled back and restored without any component taking part.
 //!
@@ -12,6 +12,8 @@ mod circuit;
 mod component;
 pub mod estimate;
 pub mod left_heart;
+pub mod orifice;
+pub mod split_windkessel;
 pub mod valve;
 pub mod windkessel;
 
@@ -20,5 +22,7 @@ pub use circuit::{Circulation, CirculationState, Direction, NetFlow};
 pub(crate) use component::positive;
 pub use component::{CirculationError, Compartment, FlowPath, TimeStep};
 pub use left_heart::{LeftHeart, StartPressure};
+pub use orifice::Orifice;
+pub use split_windkessel::{ArterialJunction, SplitWindkessel};
 pub use valve::DiodeValve;
 pub use windkessel::Windkessel3;

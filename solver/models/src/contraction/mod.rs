@@ -80,6 +80,12 @@ pub trait Contraction: std::fmt::Debug + Send + Sync {
     /// Fills `state` (length [`Self::n_states`]) with the resting state.
     fn rest(&self, state: &mut [f64]);
 
+    /// Factor of the active stress that depends on the stretch alone, with its slope: what scales an activation that an
+    /// effect prolongs. One where the model has no such factor.
+    fn length_factor(&self, _lambda: f64) -> (f64, f64) {
+        (1.0, 0.0)
+    }
+
     /// Tries one node's step: from `state` at its start to `trial` at its end (both of length [`Self::n_states`]).
     /// `state` is not touched, so that the step can be tried again with another stretch.
     ///

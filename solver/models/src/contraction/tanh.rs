@@ -195,6 +195,11 @@ impl Contraction for Tanh {
 
     fn rest(&self, _state: &mut [f64]) {}
 
+    /// φ(λ).
+    fn length_factor(&self, lambda: f64) -> (f64, f64) {
+        self.length(lambda).map_or((0.0, 0.0), |length| (length.phi, length.dphi))
+    }
+
     fn try_step(&self, step: &NodeStep, _state: &[f64], _trial: &mut [f64]) -> Result<ActiveStress, ContractionError> {
         Ok(self.stress(step.since_activation_ms, &self.length(step.lambda)?))
     }
@@ -215,16 +220,23 @@ impl Contraction for Tanh {
         let (Some(first), Some(last)) = (times.iter().position(is_active), times.iter().rposition(is_active)) else {
             return Ok(());
         };
-        let active = &times[first..=last];
-        let spacing = if active.len() > 1 { active[0] - active[1] } else { 0.0 };
-        let equal = spacing >= 0.0 && active.windows(2).all(|w| (w[0] - w[1] - spacing).abs() < SPACING_TOLERANCE_MS);
-        if !equal {
-            for (out, &t) in stress.iter_mut().zip(times) {
-                *out = self.stress(t, &length);
+        // Runs of equal distances: one in the base model, one a part of the wall where a part is late.
+        let mut begin = first;
+        while begin <= last {
+            let rest = &times[begin..=last];
+            let spacing = if rest.len() > 1 { rest[0] - rest[1] } else { 0.0 };
+            let is_equal = |w: &[f64]| (w[0] - w[1] - spacing).abs() < SPACING_TOLERANCE_MS;
+            let n = 1 + rest.windows(2).take_while(|w| is_equal(w)).count();
+            let run = begin..begin + n;
+            if spacing >= 0.0 && times[run.clone()].iter().all(is_active) {
+                self.equally_spaced(&times[run.clone()], spacing, &length, &mut stress[run]);
+            } else {
+                for (out, &t) in stress[run.clone()].iter_mut().zip(&times[run]) {
+                    *out = self.stress(t, &length);
+                }
             }
-            return Ok(());
+            begin += n;
         }
-        self.equally_spaced(active, spacing, &length, &mut stress[first..=last]);
         Ok(())
     }
 }

@@ -62,6 +62,19 @@ impl GroupContraction {
     }
 }
 
+impl GroupContraction {
+    /// The model wrapped into another that keeps `own_start` further states after those of each node.
+    #[must_use]
+    pub fn wrapped(
+        mut self,
+        own_start: &[f64],
+        wrap: impl FnOnce(Box<dyn Contraction>) -> Box<dyn Contraction>,
+    ) -> Self {
+        self.start_state.extend_from_slice(own_start);
+        Self { model: wrap(self.model), ..self }
+    }
+}
+
 /// Something that adds to the cavity pressure: a pericardium, wall viscosity. None in the base model.
 pub trait CavityPressureTerm: std::fmt::Debug + Send + Sync {
     /// Pressure \[mmHg\] at a volume \[mL\] and its rate \[mL/s\], with its slopes for both.
@@ -207,6 +220,20 @@ impl OneFibreVentricle {
     #[must_use]
     pub fn passive(&self) -> &OneFibrePassive {
         &self.passive
+    }
+
+    /// What the next beat depends on: volume \[mL\], then the cells' states.
+    pub(crate) fn beat_state(&self) -> impl Iterator<Item = f64> {
+        std::iter::once(self.now.volume_ml).chain(self.now.cells.iter().copied())
+    }
+
+    /// Begins a beat at time zero with a state as [`Self::beat_state`] gives it.
+    pub(crate) fn begin_beat(&mut self, state: &[f64]) {
+        self.trial.pending = false;
+        self.now.time_ms = 0.0;
+        self.now.volume_ml = state[0];
+        self.now.lambda = self.passive.active_stretch(Ml(state[0])).0;
+        self.now.cells.copy_from_slice(&state[1..]);
     }
 
     /// Times since activation and calcium of all groups at the end of a step. In the first beat a group that is not yet

@@ -133,6 +133,39 @@ impl OneFibrePassive {
         Ok(law)
     }
 
+    /// The law with an exponent, through (unloaded volume, 0) and a pressure at the reference volume.
+    ///
+    /// # Errors
+    /// [`VentricleError::PassiveState`] unless 0 < unloaded < reference volume and the pressure is positive;
+    /// [`VentricleError::Parameter`] for a wall volume or exponent that is not.
+    pub fn through(
+        unloaded: Ml,
+        reference: Ml,
+        pressure: Mmhg,
+        wall: Ml,
+        exponent: f64,
+    ) -> Result<Self, VentricleError> {
+        if !(unloaded.0 > 0.0 && unloaded.0 < reference.0 && reference.0.is_finite() && pressure.0 > 0.0) {
+            let (v0_ml, volume_ml, pressure_mmhg) = (unloaded.0, reference.0, pressure.0);
+            return Err(VentricleError::PassiveState { v0_ml, volume_ml, pressure_mmhg });
+        }
+        for (name, value) in [("wall volume", wall.0), ("passive exponent", exponent)] {
+            if !(value > 0.0 && value.is_finite()) {
+                return Err(VentricleError::Parameter { name, value, expected: "positive" });
+            }
+        }
+        let mut law = Self {
+            stiffness: Kpa(0.0),
+            exponent,
+            unloaded_volume: unloaded,
+            end_diastolic_volume: reference,
+            wall_volume: wall,
+            exponent_fitted: false,
+        };
+        law.stiffness = law.stiffness_for(exponent, pressure);
+        Ok(law)
+    }
+
     /// Strain E at a volume.
     fn strain(&self, volume_ml: f64) -> f64 {
         let lambda = stretch(volume_ml, self.unloaded_volume.0, self.wall_volume.0).0;

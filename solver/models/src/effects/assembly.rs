@@ -1,0 +1,130 @@
+//! Base model and effects put together.
+
+use super::declaration::{Action, OneFibreParts};
+use super::{EffectError, EffectSetting, Kind, Measurement};
+use crate::circulation::{Circulation, LeftHeart};
+use crate::ventricle::{
+    ActivationGroups, ActivationSpread, GroupContraction, OneFibreParameters, OneFibrePassive, OneFibreVentricle,
+};
+use cardiotwin_units::Ms;
+
+/// What effects need to know of the model that they are added to.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Surroundings {
+    /// The base model's circulation and cycle length.
+    pub heart: LeftHeart,
+    /// First activation of the wall after the beat's start.
+    pub onset: Ms,
+}
+
+impl Surroundings {
+    /// Cycle length.
+    #[must_use]
+    pub fn cycle_length(&self) -> Ms {
+        self.heart.cycle_length
+    }
+}
+
+/// A base model: one-fibre ventricle, circulation, nothing between the heart and the data.
+#[derive(Debug)]
+pub struct BaseModel {
+    /// Circulation and cycle length.
+    pub heart: LeftHeart,
+    /// Passive law and reference volumes.
+    pub passive: OneFibrePassive,
+    /// Activation of the wall.
+    pub activation: ActivationSpread,
+    /// Active stress.
+    pub contraction: GroupContraction,
+}
+
+/// A model ready to run: what the effects changed is built in.
+#[derive(Debug)]
+pub struct Assembled {
+    /// Ventricle at its end-diastolic state.
+    pub ventricle: OneFibreVentricle,
+    /// Circulation at its start.
+    pub circulation: Circulation,
+    /// What stands between the heart and the data.
+    pub measurement: Measurement,
+}
+
+/// Checks a list of effects: known ones, each once, values in their ranges.
+fn check(effects: &[EffectSetting]) -> Result<(), EffectError> {
+    for (idx, setting) in effects.iter().enumerate() {
+        setting.check()?;
+        if effects[..idx].iter().any(|other| other.effect.name == setting.effect.name) {
+            return Err(EffectError::Twice { effect: setting.effect.name });
+        }
+    }
+    Ok(())
+}
+
+/// Adds to a circulation those effects that act on it; the others are left to the ventricle and the measurement.
+///
+/// # Errors
+/// [`EffectError`] for a bad list, or a circulation without the parts that an effect acts on.
+pub fn add_to_circulation(
+    circulation: &mut Circulation,
+    surroundings: &Surroundings,
+    effects: &[EffectSetting],
+) -> Result<(), EffectError> {
+    check(effects)?;
+    for setting in effects.iter().filter(|setting| !setting.is_off()) {
+        if let Action::Circulation(change) = setting.effect.action {
+            change(&setting.values, surroundings, circulation)?;
+        }
+    }
+    Ok(())
+}
+
+/// Builds ventricle, circulation and measurement of a base model with any effects. An effect at its off-values changes
+/// nothing at all.
+///
+/// # Errors
+/// [`EffectError`] for a bad list, or parameters outside the models.
+pub fn assemble(base: BaseModel, effects: &[EffectSetting]) -> Result<Assembled, EffectError> {
+    let surroundings = Surroundings { heart: base.heart, onset: base.activation.onset };
+    let mut circulation = base.heart.build()?;
+    add_to_circulation(&mut circulation, &surroundings, effects)?;
+    let (times_ms, weights) = base.activation.groups()?;
+    let mut parts = OneFibreParts {
+        passive: base.passive,
+        groups: ActivationGroups::new(times_ms, weights)?,
+        contraction: base.contraction,
+        pressure_terms: Vec::new(),
+    };
+    let mut measurement = Measurement::default();
+    for setting in effects.iter().filter(|setting| !setting.is_off()) {
+        match setting.effect.action {
+            Action::Circulation(_) => {}
+            Action::Wall(change) => parts = change(&setting.values, &surroundings, parts)?,
+            Action::Measurement(make) => measurement.push(make(&setting.values)?),
+        }
+    }
+    let parameters = OneFibreParameters {
+        passive: parts.passive,
+        activation: base.activation,
+        contraction: parts.contraction,
+        cycle_length: surroundings.cycle_length(),
+        pressure_terms: parts.pressure_terms,
+    };
+    let ventricle = OneFibreVentricle::with_groups(parameters, &parts.groups)?;
+    Ok(Assembled { ventricle, circulation, measurement })
+}
+
+impl EffectSetting {
+    /// Refuses an effect of the measurement where only the heart is simulated.
+    ///
+    /// # Errors
+    /// [`EffectError::Artefact`] with the remedy.
+    pub fn require_physiology(&self) -> Result<(), EffectError> {
+        match self.effect.kind {
+            Kind::Physiology => Ok(()),
+            Kind::Artefact => Err(EffectError::Artefact {
+                effect: self.effect.name,
+                remedy: self.effect.remedy.unwrap_or("correct the data"),
+            }),
+        }
+    }
+}

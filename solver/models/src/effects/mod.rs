@@ -1,0 +1,67 @@
+//! Catalogue of what the base model lacks: effects of heart and vessels, and artefacts of the measurement.
+//!
+//! Each effect is one file that declares itself ([`Effect`]) and one entry of [`CATALOGUE`]; [`assemble`] adds any list of
+//! them to a base model. Every state that an effect adds belongs to the circulation or to the ventricle, so that steps are
+//! tried, rolled back, saved and restored as without it.
+
+mod aortic_regurgitation;
+mod aortic_stenosis;
+mod assembly;
+mod atrial_kick;
+mod catheter_response;
+mod cross_fibre_stress;
+mod declaration;
+mod delayed_relaxation;
+mod dyssynchrony;
+pub mod measurement;
+mod mitral_regurgitation;
+mod passive_stiffening;
+mod pericardial_constraint;
+mod pressure_offset;
+mod pv_misalignment;
+mod setting;
+mod ventricular_septal_defect;
+mod viscoelasticity;
+mod volume_scaling;
+mod wave_reflection;
+
+pub use assembly::{Assembled, BaseModel, Surroundings, add_to_circulation, assemble};
+pub use declaration::{
+    Action, Effect, InThreeDimensions, Kind, Mark, OneFibreParts, Parameter, Phase, Role, Sign, Signal,
+};
+pub use measurement::{Measurement, MeasurementTerm, PeriodicTraces};
+pub use setting::{EffectError, EffectSetting};
+
+/// All effects, physiology first.
+pub const CATALOGUE: [&Effect; 16] = [
+    &atrial_kick::EFFECT,
+    &mitral_regurgitation::EFFECT,
+    &aortic_regurgitation::EFFECT,
+    &aortic_stenosis::EFFECT,
+    &wave_reflection::EFFECT,
+    &delayed_relaxation::EFFECT,
+    &passive_stiffening::EFFECT,
+    &ventricular_septal_defect::EFFECT,
+    &pericardial_constraint::EFFECT,
+    &dyssynchrony::EFFECT,
+    &viscoelasticity::EFFECT,
+    &cross_fibre_stress::EFFECT,
+    &catheter_response::EFFECT,
+    &pv_misalignment::EFFECT,
+    &pressure_offset::EFFECT,
+    &volume_scaling::EFFECT,
+];
+
+/// The effect of this name.
+///
+/// # Errors
+/// [`EffectError::Unknown`] with the names that there are.
+pub fn find(name: &str) -> Result<&'static Effect, EffectError> {
+    CATALOGUE.into_iter().find(|effect| effect.name == name).ok_or_else(|| EffectError::Unknown {
+        found: name.to_owned(),
+        expected: CATALOGUE.map(|effect| effect.name).join(", "),
+    })
+}
+
+#[cfg(test)]
+mod tests;

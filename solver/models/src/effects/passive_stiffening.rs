@@ -1,0 +1,48 @@
+//! A passive law that stiffens faster with volume.
+
+use super::declaration::{
+    Action, Effect, InThreeDimensions, Kind, Mark, OneFibreParts, Parameter, Phase, Role, Sign, Signal,
+};
+use super::{EffectError, Surroundings};
+
+/// Declaration.
+pub const EFFECT: Effect = Effect {
+    name: "passive_stiffening",
+    kind: Kind::Physiology,
+    meaning: "The wall stiffens more steeply with stretch: flat early, steep at the end of filling.",
+    equation: "b → m b in σ_p = s (e^{b E} − 1), s such that the passive pressure at the reference volume stays",
+    source: "Guccione, McCulloch and Waldman 1991, J Biomech Eng 113:42; Zile, Baicu and Gaasch 2004, N Engl J Med 350:1953",
+    parameters: &[Parameter {
+        name: "exponent_factor",
+        unit: "1",
+        meaning: "factor m of the exponent; the scale is a parameter of the base model",
+        range: (1.0, 6.0),
+        off: Some(1.0),
+        smallest: 0.5,
+        typical: 3.0,
+        prior_scale: 1.5,
+        role: Role::Strength,
+    }],
+    signature: "late filling: the pressure is steep at the end and filling stops abruptly; flat early",
+    marks: &[
+        Mark { phase: Phase::RapidFilling, signal: Signal::Volume, sign: Sign::Up },
+        Mark { phase: Phase::RapidFilling, signal: Signal::Pressure, sign: Sign::Down },
+    ],
+    confused_with: &["pericardial_constraint", "atrial_kick", "pressure_offset"],
+    separated_by: &[
+        "end-diastolic pressures and volumes at several loads (caval occlusion)",
+        "fibrosis imaging (T1, extracellular volume)",
+    ],
+    in_3d: InThreeDimensions::PassiveExponents { factor: "exponent_factor" },
+    hidden_because: None,
+    remedy: None,
+    action: Action::Wall(add),
+};
+
+fn add(values: &[f64], _around: &Surroundings, mut parts: OneFibreParts) -> Result<OneFibreParts, EffectError> {
+    let before = parts.passive.pressure(parts.passive.end_diastolic_volume);
+    parts.passive.exponent *= values[0];
+    let after = parts.passive.pressure(parts.passive.end_diastolic_volume);
+    parts.passive.stiffness.0 *= before.0 / after.0;
+    Ok(parts)
+}

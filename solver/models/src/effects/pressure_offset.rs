@@ -1,0 +1,51 @@
+//! A pressure transducer with a wrong zero.
+
+use super::EffectError;
+use super::declaration::{Action, Effect, InThreeDimensions, Kind, Mark, Parameter, Phase, Role, Sign, Signal};
+use super::measurement::{MeasurementTerm, PeriodicTraces};
+
+/// Declaration.
+pub const EFFECT: Effect = Effect {
+    name: "pressure_offset",
+    kind: Kind::Artefact,
+    meaning: "The transducer's zero is wrong: every pressure is too high or too low by the same amount.",
+    equation: "P_measured = P + d",
+    source: "Gardner 1981, Anesthesiology 54:227; Courtois et al. 1995, Circulation 92:1994 (zero level of catheter transducers)",
+    parameters: &[Parameter {
+        name: "offset_mmHg",
+        unit: "mmHg",
+        meaning: "offset d; negative where the measured pressure is too low",
+        range: (-20.0, 20.0),
+        off: Some(0.0),
+        smallest: 2.0,
+        typical: 6.0,
+        prior_scale: 5.0,
+        role: Role::Strength,
+    }],
+    signature: "all phases alike: least pressure below zero or far above, a passive curve through no sensible zero, peak against the cuff",
+    marks: &[
+        Mark { phase: Phase::Diastasis, signal: Signal::Pressure, sign: Sign::Up },
+        Mark { phase: Phase::EarlyEjection, signal: Signal::Pressure, sign: Sign::Up },
+    ],
+    confused_with: &["pericardial_constraint", "viscoelasticity", "passive_stiffening"],
+    separated_by: &["cuff pressure", "zero of the transducer before and after", "atrial or wedge pressure"],
+    in_3d: InThreeDimensions::AsItIs,
+    hidden_because: None,
+    remedy: Some("subtract this offset from the pressure trace and from the end-diastolic pressure, then run again"),
+    action: Action::Measurement(make),
+};
+
+#[derive(Debug)]
+struct Offset {
+    mmhg: f64,
+}
+
+impl MeasurementTerm for Offset {
+    fn apply(&self, traces: &mut PeriodicTraces) {
+        traces.pressure_mmhg.iter_mut().for_each(|p| *p += self.mmhg);
+    }
+}
+
+fn make(values: &[f64]) -> Result<Box<dyn MeasurementTerm>, EffectError> {
+    Ok(Box::new(Offset { mmhg: values[0] }))
+}
