@@ -5,14 +5,20 @@
 
 pub mod adjacency;
 pub mod cavity;
+pub mod checks;
 pub mod ellipsoid;
+pub mod files;
+pub mod find_surfaces;
 pub mod quality;
 pub mod surface;
+#[cfg(test)]
+mod test_meshes;
 pub mod tet_mesh;
 pub mod vec3;
 
 pub use adjacency::Adjacency;
 pub use cavity::Cavity;
 pub use ellipsoid::EllipsoidSpec;
+pub use files::{LengthUnit, MeshFileError};
 pub use surface::Surface;
 pub use tet_mesh::{Frame, TetMesh, tags};

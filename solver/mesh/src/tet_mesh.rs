@@ -102,6 +102,18 @@ impl TetMesh {
         self.surfaces.iter().find(|surface| surface.name == name)
     }
 
+    /// Turns all elements over where every single one has a negative volume: a file of the other convention. Anything
+    /// else stays as it is, for [`crate::checks`] to tell. Returns whether it did.
+    pub fn orient_if_all_negative(&mut self) -> bool {
+        let all = !self.tets.is_empty() && (0..self.n_tets()).all(|e| self.volume_mm3(e) < 0.0);
+        if all {
+            for tet in &mut self.tets {
+                tet.swap(2, 3);
+            }
+        }
+        all
+    }
+
     /// Mean length of the elements' edges, each edge as often as elements share it, mm.
     #[must_use]
     pub fn mean_edge_mm(&self) -> f64 {

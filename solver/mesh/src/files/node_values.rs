@@ -1,0 +1,53 @@
+//! One number for each node, a line each: activation times (ms), as CARP's `.dat`. Lines that begin with `#` are comments.
+
+use super::error::{MeshFileError, read_text, write_bytes};
+use super::text::Lines;
+use std::fmt::Write as _;
+use std::path::Path;
+
+/// Reads one finite number for each of `n_nodes` nodes, in their order.
+///
+/// # Errors
+/// [`MeshFileError`] with file and line; also where there are fewer or more numbers than nodes.
+pub fn read(file: &Path, n_nodes: usize) -> Result<Vec<f64>, MeshFileError> {
+    parse(&read_text(file)?, file, n_nodes)
+}
+
+/// [`read`] from a file's contents.
+///
+/// # Errors
+/// As [`read`].
+pub fn parse(text: &str, file: &Path, n_nodes: usize) -> Result<Vec<f64>, MeshFileError> {
+    let mut lines = Lines::new(text, file);
+    let mut values = Vec::with_capacity(n_nodes);
+    while let Some(line) = lines.next() {
+        if line.text.starts_with('#') {
+            continue;
+        }
+        if values.len() == n_nodes {
+            return Err(line.error(format!("the end of the file after {n_nodes} numbers, one for each node")));
+        }
+        let [value] = line.floats("one number for each node")?;
+        values.push(value);
+    }
+    if values.len() < n_nodes {
+        return Err(MeshFileError::content(
+            file,
+            format!("{} numbers", values.len()),
+            format!("{n_nodes}, one for each node"),
+        ));
+    }
+    Ok(values)
+}
+
+/// Writes one number a line after a comment that names them.
+///
+/// # Errors
+/// [`MeshFileError::Write`].
+pub fn write(file: &Path, comment: &str, values: &[f64]) -> Result<(), MeshFileError> {
+    let mut text = format!("# {comment}\n");
+    for value in values {
+        let _ = writeln!(text, "{value}");
+    }
+    write_bytes(file, text.as_bytes())
+}

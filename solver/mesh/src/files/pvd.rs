@@ -1,0 +1,23 @@
+//! PVD: the index of a series of VTU files, which ParaView opens as an animation.
+
+use super::error::{MeshFileError, write_bytes};
+use cardiotwin_units::Ms;
+use std::fmt::Write as _;
+use std::path::Path;
+
+/// Writes the index of files in the same folder, each with its time in ms. Written anew after each frame, it is whole at
+/// any time.
+///
+/// # Errors
+/// [`MeshFileError::Write`].
+pub fn write(file: &Path, frames: &[(Ms, String)]) -> Result<(), MeshFileError> {
+    let mut text = String::from(
+        "<?xml version=\"1.0\"?>\n<VTKFile type=\"Collection\" version=\"1.0\" byte_order=\"LittleEndian\">\n  <Collection>\n",
+    );
+    for (time, name) in frames {
+        let name = name.replace('&', "&amp;").replace('<', "&lt;").replace('"', "&quot;");
+        let _ = writeln!(text, "    <DataSet timestep=\"{}\" part=\"0\" file=\"{name}\"/>", time.0);
+    }
+    text += "  </Collection>\n</VTKFile>\n";
+    write_bytes(file, text.as_bytes())
+}

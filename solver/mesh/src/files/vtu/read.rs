@@ -1,0 +1,257 @@
+//! Reading: one piece; arrays as text, base64 or appended (base64 or raw), compressed with zlib or not.
+
+use super::data::{Encoding, numbers};
+use super::{Field, Grid, SURFACE_PREFIX, TETRAHEDRON, TRIANGLE};
+use crate::files::LengthUnit;
+use crate::files::carp::frame;
+use crate::files::error::{MeshFileError, read_bytes};
+use crate::surface::Surface;
+use crate::tet_mesh::TetMesh;
+use crate::vec3::Vec3;
+use roxmltree::{Document, Node};
+use std::path::Path;
+
+/// Reads a file whose coordinates are in `unit`. The array `tag` gives tags (0 where there is none), `fibre` and `sheet`
+/// the directions; all other arrays of numbers become fields.
+///
+/// # Errors
+/// [`MeshFileError`] with file and line: several pieces, other cells than tetrahedra and triangles, arrays that cannot
+/// be decoded.
+pub fn read(file: &Path, unit: LengthUnit) -> Result<Grid, MeshFileError> {
+    parse(&read_bytes(file)?, file, unit)
+}
+
+/// [`read`] from a file's contents.
+///
+/// # Errors
+/// As [`read`].
+pub fn parse(bytes: &[u8], file: &Path, unit: LengthUnit) -> Result<Grid, MeshFileError> {
+    let (xml, appended) = split_appended(bytes);
+    let xml = std::str::from_utf8(&xml)
+        .map_err(|_| MeshFileError::content(file, "bytes that are not text", "a VTU file (XML)"))?;
+    let document = Document::parse(xml)
+        .map_err(|cause| MeshFileError::content(file, format!("text that is not XML ({cause})"), "a VTU file (XML)"))?;
+    let reader = Reader::new(file, &document, appended)?;
+    reader.grid(unit)
+}
+
+/// Cuts the appended data out of the file: raw bytes are no XML.
+fn split_appended(bytes: &[u8]) -> (Vec<u8>, &[u8]) {
+    let find = |from: usize, what: &[u8]| {
+        bytes.get(from..)?.windows(what.len()).position(|window| window == what).map(|at| at + from)
+    };
+    let cut = || {
+        let open = find(0, b"<AppendedData")?;
+        let begin = find(open, b"_")?;
+        let end = bytes.windows(15).rposition(|window| window == b"</AppendedData>")?;
+        (end > begin).then_some((begin, end))
+    };
+    match cut() {
+        Some((begin, end)) => ([&bytes[..begin], &bytes[end..]].concat(), &bytes[begin + 1..end]),
+        None => (bytes.to_vec(), &[]),
+    }
+}
+
+struct Reader<'a> {
+    file: &'a Path,
+    document: &'a Document<'a>,
+    encoding: Encoding,
+    appended: &'a [u8],
+    appended_raw: bool,
+}
+
+impl<'a> Reader<'a> {
+    fn new(file: &'a Path, document: &'a Document<'a>, appended: &'a [u8]) -> Result<Self, MeshFileError> {
+        let root = document.root_element();
+        let mut reader = Self {
+            file,
+            document,
+            encoding: Encoding { big_endian: false, header_size: 4, compressed: false },
+            appended,
+            appended_raw: false,
+        };
+        if root.tag_name().name() != "VTKFile" || root.attribute("type") != Some("UnstructuredGrid") {
+            return Err(reader.error(root, "another document", "<VTKFile type=\"UnstructuredGrid\">"));
+        }
+        reader.encoding.big_endian = root.attribute("byte_order") == Some("BigEndian");
+        reader.encoding.header_size = if root.attribute("header_type") == Some("UInt64") { 8 } else { 4 };
+        reader.encoding.compressed = match root.attribute("compressor") {
+            None | Some("") => false,
+            Some("vtkZLibDataCompressor") => true,
+            Some(other) => {
+                let found = format!("the compressor {other}");
+                return Err(reader.error(root, found, "zlib or none (save again with another compressor)"));
+            }
+        };
+        reader.appended_raw = reader
+            .document
+            .descendants()
+            .find(|node| node.has_tag_name("AppendedData"))
+            .is_some_and(|node| node.attribute("encoding") == Some("raw"));
+        Ok(reader)
+    }
+
+    fn error(&self, at: Node, found: impl Into<String>, expected: impl Into<String>) -> MeshFileError {
+        let line = self.document.text_pos_at(at.range().start).row as usize;
+        MeshFileError::line(self.file, line, found, expected)
+    }
+
+    fn child(&self, of: Node<'a, 'a>, name: &str) -> Result<Node<'a, 'a>, MeshFileError> {
+        of.children()
+            .find(|node| node.has_tag_name(name))
+            .ok_or_else(|| self.error(of, format!("no <{name}>"), format!("a <{name}> within")))
+    }
+
+    fn count(&self, piece: Node, name: &str) -> Result<usize, MeshFileError> {
+        let text = piece.attribute(name).unwrap_or_default();
+        text.trim().parse().map_err(|_| self.error(piece, format!("{name}=\"{text}\""), "a whole number"))
+    }
+
+    /// The numbers of an array, so many of them.
+    fn array(&self, node: Node, n_expected: usize) -> Result<Vec<f64>, MeshFileError> {
+        let name = node.attribute("Name").unwrap_or("?");
+        let kind = node.attribute("type").unwrap_or_default();
+        let bad = |why: &str| {
+            self.error(node, format!("the array {name} {why}"), format!("{n_expected} numbers of type {kind}"))
+        };
+        let decoded = |bytes: Option<Vec<u8>>| {
+            let bytes = bytes.ok_or_else(|| bad("that cannot be decoded"))?;
+            numbers(kind, &bytes, self.encoding.big_endian).ok_or_else(|| bad("of another type"))
+        };
+        // VTK puts keys of its own between or behind the numbers
+        let text: String = node.children().filter(|part| part.is_text()).filter_map(|part| part.text()).collect();
+        let values = match node.attribute("format") {
+            Some("ascii") | None => text
+                .split_ascii_whitespace()
+                .map(|word| word.parse().map_err(|_| bad(&format!("with `{word}`"))))
+                .collect::<Result<Vec<f64>, _>>()?,
+            Some("binary") => decoded(self.encoding.base64(&text))?,
+            Some("appended") => {
+                let offset = self.count(node, "offset")?;
+                let rest = self.appended.get(offset..).ok_or_else(|| bad("beyond the appended data"))?;
+                if self.appended_raw {
+                    decoded(self.encoding.raw(rest))?
+                } else {
+                    decoded(std::str::from_utf8(rest).ok().and_then(|rest| self.encoding.base64(rest)))?
+                }
+            }
+            Some(other) => return Err(bad(&format!("of the format {other}"))),
+        };
+        if values.len() != n_expected {
+            return Err(bad(&format!("of {} numbers", values.len())));
+        }
+        if let Some(at) = values.iter().position(|value| !value.is_finite()) {
+            return Err(bad(&format!("with {} at place {at}", values[at])));
+        }
+        Ok(values)
+    }
+
+    fn named(&self, section: Node<'a, 'a>, name: &str) -> Result<Node<'a, 'a>, MeshFileError> {
+        section
+            .children()
+            .find(|node| node.has_tag_name("DataArray") && node.attribute("Name") == Some(name))
+            .ok_or_else(|| self.error(section, format!("no array {name}"), format!("a DataArray called {name}")))
+    }
+
+    /// All arrays of numbers of a section, for so many nodes or cells.
+    fn fields(&self, piece: Node<'a, 'a>, section: &str, n: usize) -> Result<Vec<Field>, MeshFileError> {
+        let Some(section) = piece.children().find(|node| node.has_tag_name(section)) else { return Ok(Vec::new()) };
+        section
+            .children()
+            .filter(|node| node.has_tag_name("DataArray") && node.attribute("type") != Some("String"))
+            .map(|node| {
+                let n_components = node.attribute("NumberOfComponents").and_then(|n| n.parse().ok()).unwrap_or(1);
+                let name = node.attribute("Name").unwrap_or_default().to_owned();
+                Ok(Field { name, n_components, values: self.array(node, n * n_components)? })
+            })
+            .collect()
+    }
+
+    fn grid(&self, unit: LengthUnit) -> Result<Grid, MeshFileError> {
+        let grid = self.child(self.document.root_element(), "UnstructuredGrid")?;
+        let pieces: Vec<_> = grid.children().filter(|node| node.has_tag_name("Piece")).collect();
+        let [piece] = pieces[..] else {
+            return Err(self.error(grid, format!("{} pieces", pieces.len()), "one piece (merge blocks before saving)"));
+        };
+        let (n_points, n_cells) = (self.count(piece, "NumberOfPoints")?, self.count(piece, "NumberOfCells")?);
+        let points = self.child(piece, "Points")?;
+        let points = self.array(self.child(points, "DataArray")?, 3 * n_points)?;
+        let nodes_mm = points.chunks_exact(3).map(|p| unit.to_mm([p[0], p[1], p[2]])).collect();
+        let cells = self.cells(self.child(piece, "Cells")?, n_points, n_cells)?;
+        let mut grid = Grid {
+            mesh: TetMesh { nodes_mm, ..TetMesh::default() },
+            point_fields: self.fields(piece, "PointData", n_points)?,
+            cell_fields: Vec::new(),
+        };
+        let tets: Vec<usize> = (0..n_cells).filter(|cell| cells[*cell].len() == 4).collect();
+        grid.mesh.tets = tets.iter().map(|cell| [0, 1, 2, 3].map(|i| cells[*cell][i])).collect();
+        grid.mesh.tags = vec![0; tets.len()];
+        let (mut fibres, mut sheets) = (None, None);
+        for field in self.fields(piece, "CellData", n_cells)? {
+            let width = field.n_components;
+            if let Some(name) = field.name.strip_prefix(SURFACE_PREFIX) {
+                let on = (0..n_cells).filter(|cell| cells[*cell].len() == 3 && field.values[*cell] != 0.0);
+                let triangles = on.map(|cell| [0, 1, 2].map(|i| cells[cell][i])).collect();
+                grid.mesh.surfaces.push(Surface { name: name.to_owned(), triangles });
+                continue;
+            }
+            let values: Vec<f64> =
+                tets.iter().flat_map(|cell| &field.values[cell * width..(cell + 1) * width]).copied().collect();
+            match (field.name.as_str(), width) {
+                ("tag", 1) => grid.mesh.tags = values.iter().map(|tag| *tag as i32).collect(),
+                ("fibre", 3) => fibres = Some(vectors(&values)),
+                ("sheet", 3) => sheets = Some(vectors(&values)),
+                _ => grid.cell_fields.push(Field { values, ..field }),
+            }
+        }
+        if let Some(fibres) = fibres {
+            for (e, fibre) in fibres.into_iter().enumerate() {
+                let sheet = sheets.as_ref().map(|sheets| sheets[e]);
+                let found = frame(fibre, sheet).ok_or_else(|| {
+                    let found = format!("a sheet of element {e} that is not perpendicular to its fibre");
+                    self.error(piece, found, "perpendicular directions, or zeros for both")
+                })?;
+                grid.mesh.frames.push(found);
+            }
+        }
+        Ok(grid)
+    }
+
+    /// Corners of each cell: four or three nodes.
+    fn cells(&self, section: Node<'a, 'a>, n_points: usize, n_cells: usize) -> Result<Vec<Vec<u32>>, MeshFileError> {
+        let kinds = self.array(self.named(section, "types")?, n_cells)?;
+        let offsets_node = self.named(section, "offsets")?;
+        let offsets = self.array(offsets_node, n_cells)?;
+        let n_corners = offsets.last().map_or(0, |last| *last as usize);
+        let connectivity_node = self.named(section, "connectivity")?;
+        let connectivity = self.array(connectivity_node, n_corners)?;
+        let mut begin = 0;
+        let mut cells = Vec::with_capacity(n_cells);
+        for (cell, (kind, end)) in kinds.iter().zip(&offsets).enumerate() {
+            let size = match *kind as i64 {
+                TETRAHEDRON => 4,
+                TRIANGLE => 3,
+                other => {
+                    let found = format!("cell {cell} of VTK's type {other}");
+                    return Err(self.error(section, found, "tetrahedra (10) and triangles (5)"));
+                }
+            };
+            let end = *end as usize;
+            let corners = (end >= begin && end - begin == size).then(|| connectivity.get(begin..end)).flatten();
+            let corners = corners.ok_or_else(|| {
+                self.error(offsets_node, format!("the offset {end} of cell {cell}"), format!("{}", begin + size))
+            })?;
+            if let Some(node) = corners.iter().find(|node| **node < 0.0 || **node >= n_points as f64) {
+                let found = format!("node {node} in cell {cell}");
+                return Err(self.error(connectivity_node, found, format!("one of {n_points} nodes, numbered from 0")));
+            }
+            cells.push(corners.iter().map(|node| *node as u32).collect());
+            begin = end;
+        }
+        Ok(cells)
+    }
+}
+
+fn vectors(values: &[f64]) -> Vec<Vec3> {
+    values.chunks_exact(3).map(|v| [v[0], v[1], v[2]]).collect()
+}
