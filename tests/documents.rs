@@ -15,7 +15,7 @@ fn read(path: &Path) -> String {
 /// README and its like, and everything under docs/.
 fn documents() -> Vec<PathBuf> {
     let mut found = Vec::new();
-    for folder in [root(), root().join("docs"), root().join("docs/decisions")] {
+    for folder in [root(), root().join("docs"), root().join("docs/decisions"), root().join("docs/effects")] {
         for entry in std::fs::read_dir(folder).expect("a folder of the repository") {
             let path = entry.expect("an entry").path();
             if path.extension().is_some_and(|extension| extension == "md") {

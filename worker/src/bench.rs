@@ -1,15 +1,17 @@
-//! Medians of the two kernels that decide how long a personalisation takes.
+//! Medians of the kernels that decide how long a personalisation or a fit to traces takes.
 
 use std::time::{Duration, Instant};
 
 use cardiotwin_models::beat::{BeatOutcome, BeatSettings, run_beats};
 use cardiotwin_models::cell0d::{CellBeat, CellSolverSettings};
+use cardiotwin_models::effects::Assembled;
+use cardiotwin_models::periodic::{FitSubject, Orbit, PeriodicSettings, find};
 use cardiotwin_schemas::organ::{
     ActivationSpec, BeatCount, CirculationSpec, ContractionSpec, OneFibrePassive, OrganSpec, TanhParameters,
     ValveParameters, WindkesselParameters,
 };
 use cardiotwin_schemas::task::OrganBeatSpec;
-use cardiotwin_units::Ms;
+use cardiotwin_units::{Ml, Ms};
 use serde::Serialize;
 
 use crate::cell_parameters::NamedCell;
@@ -20,7 +22,7 @@ use crate::tasks::organ_beat;
 const WARM_UP: Duration = Duration::from_millis(300);
 /// How long repetitions are counted.
 const MEASURED: Duration = Duration::from_secs(2);
-/// Cycle length of both kernels.
+/// Cycle length of all kernels.
 const CYCLE_MS: f64 = 800.0;
 
 /// One beat of the reduced ventricle with Tanh at 1 ms steps, set-up included.
@@ -51,6 +53,23 @@ pub struct CellTiming {
     pub repetitions: usize,
 }
 
+/// The periodic beat of the base model at 2 ms steps, set-up included.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct PeriodicTiming {
+    /// Median from nothing.
+    pub ms_alone: f64,
+    /// Beats that this takes.
+    pub beats_alone: usize,
+    /// Median from the orbit of neighbouring parameters, one of the fourteen moved by a thousandth.
+    pub ms_near_another: f64,
+    /// Steps of a beat.
+    pub steps: usize,
+    /// Activation groups.
+    pub groups: usize,
+    /// Counted repetitions of the last.
+    pub repetitions: usize,
+}
+
 /// Times a beat of an average ventricle.
 ///
 /// # Errors
@@ -61,8 +80,7 @@ pub fn beat() -> Result<BeatTiming, TaskError> {
     let mut run = |record_nodes: bool| -> Result<(f64, usize), TaskError> {
         let settings = BeatSettings { record_nodes, ..BeatSettings::one_beat(Ms(CYCLE_MS)) };
         median_seconds(|| {
-            let mut ventricle = organ_beat::ventricle(&spec)?;
-            let mut circulation = organ_beat::circulation(&spec)?;
+            let Assembled { mut ventricle, mut circulation, .. } = organ_beat::organ(&spec)?;
             if let BeatOutcome::Finished(result) = run_beats(&mut ventricle, &mut circulation, &settings) {
                 steps = result.work.n_steps;
             }
@@ -74,6 +92,39 @@ pub fn beat() -> Result<BeatTiming, TaskError> {
     let OrganSpec::Reduced { activation, .. } = &spec.organ;
     let groups = activation.groups;
     Ok(BeatTiming { ms_per_beat: 1e3 * without, ms_per_beat_with_nodes: 1e3 * with, steps, groups, repetitions })
+}
+
+/// Times periodic beats of the average base model as a fit asks for them.
+///
+/// # Errors
+/// Never for the built-in parameters.
+pub fn periodic() -> Result<PeriodicTiming, TaskError> {
+    let cycle = Ms(CYCLE_MS);
+    let subject = FitSubject::new(cycle, Ml(97.5));
+    let settings = PeriodicSettings::with_step(cycle, Ms(2.0));
+    let values = FitSubject::typical();
+    let run = |values: &[f64], near: Option<&Orbit>| {
+        let mut model = subject.model(values, &[])?;
+        find(&mut model, cycle, &settings, near).map_err(TaskError::Organ)
+    };
+    let first = run(&values, None)?;
+    let (alone, _) = median_seconds(|| run(&values, None).map(|_| ()))?;
+    // One parameter after the other moved by a thousandth, as for a Jacobian.
+    let mut idx = 0;
+    let (near, repetitions) = median_seconds(|| {
+        let mut moved = values;
+        moved[idx] *= 1.001;
+        idx = (idx + 1) % moved.len();
+        run(&moved, Some(&first.orbit)).map(|_| ())
+    })?;
+    Ok(PeriodicTiming {
+        ms_alone: 1e3 * alone,
+        beats_alone: first.n_beats,
+        ms_near_another: 1e3 * near,
+        steps: settings.steps,
+        groups: subject.n_groups,
+        repetitions,
+    })
 }
 
 /// Times an evaluation of the default cell.

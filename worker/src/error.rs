@@ -15,6 +15,7 @@ use cardiotwin_models::cell0d::CellError;
 use cardiotwin_models::circulation::CirculationError;
 use cardiotwin_models::circulation::estimate::EstimateError;
 use cardiotwin_models::contraction::ContractionError;
+use cardiotwin_models::effects::EffectError;
 use cardiotwin_models::ventricle::VentricleError;
 use cardiotwin_signals::resample::ResampleError;
 use cardiotwin_signals::{BiomarkerError, TraceError};
@@ -134,12 +135,9 @@ pub enum TaskError {
     /// The threads could not be started.
     #[error("cannot start threads")]
     Threads(#[source] rayon::ThreadPoolBuildError),
-    /// An effect that this version does not have.
-    #[error("there is no effect `{name}` in this version")]
-    UnknownEffect {
-        /// Its name.
-        name: String,
-    },
+    /// An accepted effect cannot be simulated.
+    #[error("effects of the patient's model")]
+    Effect(#[source] EffectError),
     /// A simulated trace is not one: finite states were checked before.
     #[error("simulated trace")]
     SimulatedTrace(#[source] TraceError),
@@ -176,6 +174,18 @@ pub enum TaskError {
     Cancelled,
 }
 
+impl From<EffectError> for TaskError {
+    /// What the base model's parts refuse is theirs, whether or not there are effects.
+    fn from(error: EffectError) -> Self {
+        match error {
+            EffectError::Circulation(error) => Self::Circulation(error),
+            EffectError::Ventricle(error) => Self::Organ(error),
+            EffectError::Contraction(error) => Self::Contraction(error),
+            error => Self::Effect(error),
+        }
+    }
+}
+
 impl TaskError {
     fn class(&self) -> FailureClass {
         match self {
@@ -195,9 +205,7 @@ impl TaskError {
             | Self::Optimiser(_)
             | Self::Design(_)
             | Self::Engine(_) => FailureClass::Input,
-            Self::Organ(_) | Self::Contraction(_) | Self::Circulation(_) | Self::UnknownEffect { .. } => {
-                FailureClass::Input
-            }
+            Self::Organ(_) | Self::Contraction(_) | Self::Circulation(_) | Self::Effect(_) => FailureClass::Input,
             Self::Cell(error) => match error {
                 CellError::Parameter { .. } | CellError::Contraction(_) | CellError::Calcium(_) => FailureClass::Input,
                 _ => FailureClass::Numerics,
@@ -221,7 +229,11 @@ impl TaskError {
             Self::Measured { .. } | Self::Resample(_) | Self::Biomarkers(_) => {
                 Some("`cardiotwin check` tells all that is wrong with the data")
             }
-            Self::UnknownEffect { .. } => Some("use a version that has it, or remove it from the patient's model"),
+            Self::Effect(EffectError::Artefact { remedy, .. }) => Some(remedy),
+            Self::Effect(EffectError::Unknown { .. }) => {
+                Some("use a version that has it, or remove it from the patient's model")
+            }
+            Self::Effect(_) => Some("correct the effect in the patient's model"),
             Self::Organ(_) | Self::Contraction(_) | Self::Circulation(_) | Self::Cell(_) => {
                 Some("set bounds or start values so that the parameter stays inside the model's range")
             }

@@ -10,12 +10,11 @@ use std::sync::Arc;
 use cardiotwin_models::beat::{BeatCheck, BeatOutcome, BeatResult, BeatSettings, BeatTraces, Beats, run_beats};
 use cardiotwin_models::calcium::SampledCalcium;
 use cardiotwin_models::cell0d::{CalciumInput, CellError, CellParameters, CellSolverSettings};
-use cardiotwin_models::circulation::{Circulation, LeftHeart, StartPressure};
+use cardiotwin_models::circulation::{LeftHeart, StartPressure};
 use cardiotwin_models::contraction::{Tanh, TanhParameters};
-use cardiotwin_models::ventricle::{
-    ActivationSpread, GroupContraction, OneFibreParameters, OneFibrePassive, OneFibreVentricle,
-};
-use cardiotwin_schemas::organ::{self, BeatCount, ContractionSpec, OrganSpec};
+use cardiotwin_models::effects::{Assembled, BaseModel, EffectSetting, assemble};
+use cardiotwin_models::ventricle::{ActivationSpread, GroupContraction, OneFibrePassive};
+use cardiotwin_schemas::organ::{self, BeatCount, ContractionSpec, EffectSpec, OrganSpec};
 use cardiotwin_schemas::outcome::{Check, Ending, OrganBeatResult, TaskResult};
 use cardiotwin_schemas::task::OrganBeatSpec;
 use cardiotwin_signals::{BiomarkerSet, Continuation, Quantity, Trace};
@@ -38,8 +37,7 @@ const PERIODIC_CHANGE: f64 = 0.1;
 /// [`TaskError`] when the specification is outside the models or files cannot be written.
 pub fn run(spec: &OrganBeatSpec, context: &mut Context) -> Result<Ending, TaskError> {
     context.check_stop()?;
-    let mut ventricle = ventricle(spec)?;
-    let mut circulation = circulation(spec)?;
+    let Assembled { mut ventricle, mut circulation, .. } = organ(spec)?;
     context.progress.report("simulating", 0.0, None, || format!("{} ms cycle", spec.cycle_length_ms));
     match run_beats(&mut ventricle, &mut circulation, &settings(spec)) {
         BeatOutcome::Diverged { t, reason, traces, .. } => {
@@ -74,31 +72,43 @@ fn settings(spec: &OrganBeatSpec) -> BeatSettings {
     }
 }
 
-/// The organ of a specification, at its end-diastolic state.
+/// Ventricle and circulation of a specification with its effects, at their start.
 ///
 /// # Errors
-/// [`TaskError`] when parameters are outside the models.
-pub fn ventricle(spec: &OrganBeatSpec) -> Result<OneFibreVentricle, TaskError> {
+/// [`TaskError`] when parameters are outside the models, or an effect is unknown or one of the measurement.
+pub fn organ(spec: &OrganBeatSpec) -> Result<Assembled, TaskError> {
+    let effects = effects(&spec.circulation.effects)?;
     let OrganSpec::Reduced { passive, activation } = &spec.organ;
-    let passive = OneFibrePassive {
-        stiffness: Kpa(passive.stiffness_kpa),
-        exponent: passive.exponent,
-        unloaded_volume: Ml(passive.unloaded_volume_ml),
-        end_diastolic_volume: Ml(passive.end_diastolic_volume_ml),
-        wall_volume: Ml(passive.wall_volume_ml),
-        exponent_fitted: false,
+    let base = BaseModel {
+        heart: heart(spec),
+        passive: OneFibrePassive {
+            stiffness: Kpa(passive.stiffness_kpa),
+            exponent: passive.exponent,
+            unloaded_volume: Ml(passive.unloaded_volume_ml),
+            end_diastolic_volume: Ml(passive.end_diastolic_volume_ml),
+            wall_volume: Ml(passive.wall_volume_ml),
+            exponent_fitted: false,
+        },
+        activation: ActivationSpread {
+            onset: Ms(activation.onset_ms),
+            spread: Ms(activation.spread_ms),
+            n_groups: activation.groups as usize,
+        },
+        contraction: contraction(&spec.contraction, spec.cycle_length_ms)?,
     };
-    let activation = ActivationSpread {
-        onset: Ms(activation.onset_ms),
-        spread: Ms(activation.spread_ms),
-        n_groups: activation.groups as usize,
+    let mut organ = assemble(base, &effects)?;
+    organ.ventricle.limit_iterations(spec.newton_iterations as usize);
+    Ok(organ)
+}
+
+/// The catalogue's entries for accepted effects; one of the measurement is refused, as nothing is measured here.
+fn effects(specs: &[EffectSpec]) -> Result<Vec<EffectSetting>, TaskError> {
+    let setting = |spec: &EffectSpec| {
+        let setting = EffectSetting::named(&spec.name, &spec.parameters)?;
+        setting.require_physiology()?;
+        Ok(setting)
     };
-    let cycle_length = Ms(spec.cycle_length_ms);
-    let contraction = contraction(&spec.contraction, spec.cycle_length_ms)?;
-    let parameters = OneFibreParameters { passive, activation, contraction, cycle_length, pressure_terms: Vec::new() };
-    let mut ventricle = OneFibreVentricle::new(parameters).map_err(TaskError::Organ)?;
-    ventricle.limit_iterations(spec.newton_iterations as usize);
-    Ok(ventricle)
+    specs.iter().map(setting).collect()
 }
 
 fn contraction(spec: &ContractionSpec, cycle_length_ms: f64) -> Result<GroupContraction, TaskError> {
@@ -138,15 +148,8 @@ fn tanh(p: &organ::TanhParameters) -> TanhParameters {
     }
 }
 
-/// The circulation of a specification, at its start.
-///
-/// # Errors
-/// [`TaskError`] when parameters are outside the models, or an effect is asked for that this version does not have.
-pub fn circulation(spec: &OrganBeatSpec) -> Result<Circulation, TaskError> {
-    if let Some(effect) = spec.circulation.effects.first() {
-        return Err(TaskError::UnknownEffect { name: effect.name.clone() });
-    }
-    let heart = LeftHeart {
+fn heart(spec: &OrganBeatSpec) -> LeftHeart {
+    LeftHeart {
         left_atrial_pressure: Mmhg(spec.circulation.left_atrial_pressure_mmhg),
         mitral_forward: MmhgSPerMl(spec.valves.r_mv_f_mmhg_s_per_ml),
         mitral_backward: MmhgSPerMl(spec.valves.r_b_mmhg_s_per_ml),
@@ -155,8 +158,7 @@ pub fn circulation(spec: &OrganBeatSpec) -> Result<Circulation, TaskError> {
         windkessel: to_solver(&spec.circulation.afterload),
         start: StartPressure::DiastolicCuff(Mmhg(spec.circulation.initial_windkessel_pressure_mmhg)),
         cycle_length: Ms(spec.cycle_length_ms),
-    };
-    heart.build().map_err(TaskError::Circulation)
+    }
 }
 
 fn organ_beat_result(spec: &OrganBeatSpec, result: &BeatResult) -> Result<OrganBeatResult, TaskError> {

@@ -156,6 +156,29 @@ impl Tanh {
         }
     }
 
+    /// Stress of nodes that fall into runs of equal distances, as where a part of the wall is late. Within a run, oldest
+    /// first, all are active where its ends are.
+    fn runs(&self, times: &[f64], length: &Length, stress: &mut [ActiveStress]) {
+        let p = &self.parameters;
+        let is_active = |t: f64| t > p.t_emd_ms && t < p.t_emd_ms + p.t_cr_ms;
+        let mut begin = 0;
+        while begin < times.len() {
+            let rest = &times[begin..];
+            let spacing = if rest.len() > 1 { rest[0] - rest[1] } else { 0.0 };
+            let is_far = |w: &[f64]| (w[0] - w[1] - spacing).abs() >= SPACING_TOLERANCE_MS;
+            let n = rest.windows(2).position(is_far).map_or(rest.len(), |gap| gap + 1);
+            let (run, out) = (&rest[..n], &mut stress[begin..begin + n]);
+            if spacing >= 0.0 && is_active(run[0]) && is_active(run[n - 1]) {
+                self.equally_spaced(run, spacing, length, out);
+            } else {
+                for (out, t) in out.iter_mut().zip(run) {
+                    *out = self.stress(*t, length);
+                }
+            }
+            begin += n;
+        }
+    }
+
     #[inline]
     fn stress(&self, since_activation_ms: f64, length: &Length) -> ActiveStress {
         let p = &self.parameters;
@@ -220,22 +243,13 @@ impl Contraction for Tanh {
         let (Some(first), Some(last)) = (times.iter().position(is_active), times.iter().rposition(is_active)) else {
             return Ok(());
         };
-        // Runs of equal distances: one in the base model, one a part of the wall where a part is late.
-        let mut begin = first;
-        while begin <= last {
-            let rest = &times[begin..=last];
-            let spacing = if rest.len() > 1 { rest[0] - rest[1] } else { 0.0 };
-            let is_equal = |w: &[f64]| (w[0] - w[1] - spacing).abs() < SPACING_TOLERANCE_MS;
-            let n = 1 + rest.windows(2).take_while(|w| is_equal(w)).count();
-            let run = begin..begin + n;
-            if spacing >= 0.0 && times[run.clone()].iter().all(is_active) {
-                self.equally_spaced(&times[run.clone()], spacing, &length, &mut stress[run]);
-            } else {
-                for (out, &t) in stress[run.clone()].iter_mut().zip(&times[run]) {
-                    *out = self.stress(t, &length);
-                }
-            }
-            begin += n;
+        let active = &times[first..=last];
+        let spacing = if active.len() > 1 { active[0] - active[1] } else { 0.0 };
+        let equal = spacing >= 0.0 && active.windows(2).all(|w| (w[0] - w[1] - spacing).abs() < SPACING_TOLERANCE_MS);
+        if equal {
+            self.equally_spaced(active, spacing, &length, &mut stress[first..=last]);
+        } else {
+            self.runs(active, &length, &mut stress[first..=last]);
         }
         Ok(())
     }

@@ -56,13 +56,11 @@ pub const EFFECT: Effect = Effect {
     action: Action::Wall(add),
 };
 
-/// Time constant with which a past peak is forgotten \[ms\]: long against a beat.
-const PEAK_MEMORY_MS: f64 = 20_000.0;
 /// Least stretch factor by which a stress is divided.
 const SMALLEST_FACTOR: f64 = 1e-6;
 
 /// A contraction model whose activation falls no faster than an exponential. Own states of a node: activation and its
-/// remembered peak \[kPa\].
+/// peak since the node was last activated \[kPa\].
 #[derive(Debug)]
 struct SlowRelaxation {
     inner: Box<dyn Contraction>,
@@ -74,7 +72,7 @@ struct SlowRelaxation {
 struct Floor {
     factor: (f64, f64),
     keep: f64,
-    remember: f64,
+    dt_ms: f64,
     residual_share: f64,
 }
 
@@ -83,7 +81,7 @@ impl SlowRelaxation {
         Floor {
             factor: self.inner.length_factor(lambda),
             keep: if self.tau_ms > 0.0 { (-dt_ms / self.tau_ms).exp() } else { 0.0 },
-            remember: (-dt_ms / PEAK_MEMORY_MS).exp(),
+            dt_ms,
             residual_share: self.residual_share,
         }
     }
@@ -91,9 +89,11 @@ impl SlowRelaxation {
 
 impl Floor {
     #[inline]
-    fn hold(&self, stress: ActiveStress, own: &[f64], trial: &mut [f64]) -> ActiveStress {
+    fn hold(&self, stress: ActiveStress, since_activation_ms: f64, own: &[f64], trial: &mut [f64]) -> ActiveStress {
         let (phi, dphi) = self.factor;
-        let residual = self.residual_share * own[1];
+        let is_new_beat = (0.0..self.dt_ms).contains(&since_activation_ms);
+        let peak = if is_new_beat { 0.0 } else { own[1] };
+        let residual = self.residual_share * peak;
         let least = residual + (own[0] - residual) * self.keep;
         let held = if stress.sa_kpa < least * phi {
             ActiveStress { sa_kpa: least * phi, dsa_dlambda_kpa: least * dphi }
@@ -102,7 +102,7 @@ impl Floor {
         };
         // Below the smallest factor nothing is known of the activation but its fall.
         trial[0] = if phi > SMALLEST_FACTOR { held.sa_kpa / phi } else { least };
-        trial[1] = if self.residual_share > 0.0 { trial[0].max(own[1] * self.remember) } else { 0.0 };
+        trial[1] = if self.residual_share > 0.0 { trial[0].max(peak) } else { 0.0 };
         held
     }
 }
@@ -130,7 +130,7 @@ impl Contraction for SlowRelaxation {
         let n = self.inner.n_states();
         let (inner_trial, own_trial) = trial.split_at_mut(n);
         let stress = self.inner.try_step(step, &state[..n], inner_trial)?;
-        Ok(self.floor(step.dt_ms, step.lambda).hold(stress, &state[n..], own_trial))
+        Ok(self.floor(step.dt_ms, step.lambda).hold(stress, step.since_activation_ms, &state[n..], own_trial))
     }
 
     fn try_step_uniform(
@@ -145,8 +145,9 @@ impl Contraction for SlowRelaxation {
             // The inner model keeps no states: all nodes of it together.
             self.inner.try_step_uniform(step, &[], &mut [], stress)?;
             let floor = self.floor(step.dt_ms, step.lambda);
-            for ((out, own), trial) in stress.iter_mut().zip(states.chunks(2)).zip(trials.chunks_mut(2)) {
-                *out = floor.hold(*out, own, trial);
+            let own = states.chunks(2).zip(trials.chunks_mut(2));
+            for ((out, since), (own, trial)) in stress.iter_mut().zip(step.since_activation_ms).zip(own) {
+                *out = floor.hold(*out, *since, own, trial);
             }
             return Ok(());
         }
