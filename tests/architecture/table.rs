@@ -26,6 +26,11 @@ pub const CRATES: &[Rule] = &[
         may: &["units", "models"],
         why: "the kernels know neither organ nor task; models only in its tests, as an independent cell",
     },
+    Rule {
+        who: "mechanics",
+        may: &["units", "mesh", "models"],
+        why: "a solver of the organ knows no task, queue or file of a patient",
+    },
     Rule { who: "calibrate", may: &["units"], why: "algorithms meet models by ask and tell or by closures" },
     Rule {
         who: "worker",

@@ -1,0 +1,307 @@
+//! A deformable body: elements, tissues, and the assembly of forces and stiffness in one fixed order.
+
+mod passes;
+
+use std::sync::Arc;
+
+use pulp::Arch;
+
+use crate::element::batch::{ElementError, Frame, batches};
+use crate::element::kernel::{ActivePoint, VolumeChange};
+use crate::element::{BATCH, Eight};
+use crate::linear::{BlockCsr, Coupling, Pattern, Tangent};
+use crate::material::{MaterialError, Tissue, VolumetricLaw};
+use crate::parallel::{Communicator, Layout};
+use passes::{Elements, Field, Pass};
+
+/// Why a body could not be made.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum BodyError {
+    /// A tissue's parameter is out of range.
+    #[error("tissue {tissue}")]
+    Material {
+        /// Position in the list of tissues.
+        tissue: usize,
+        /// Which parameter.
+        source: MaterialError,
+    },
+    /// An element is unusable.
+    #[error("mesh")]
+    Element(#[from] ElementError),
+    /// A list has the wrong length, or names a tissue that is not there.
+    #[error("{what}: found {found}, expected {expected}")]
+    Size {
+        /// What.
+        what: &'static str,
+        /// Number found.
+        found: usize,
+        /// Number expected.
+        expected: usize,
+    },
+}
+
+/// What a body is made of.
+pub struct BodyInput<'a, const N: usize> {
+    /// Node coordinates \[mm\]; vertices first where elements are quadratic.
+    pub nodes: &'a [[f64; 3]],
+    /// Number of vertices among the nodes: all of them for linear elements.
+    pub n_vertices: usize,
+    /// Elements.
+    pub tets: &'a [[u32; N]],
+    /// Kinds of tissue.
+    pub tissues: Vec<Tissue>,
+    /// Tissue of each element.
+    pub tissue_of: &'a [usize],
+    /// Fibre frame at a point of an element (element, coordinates \[mm\]).
+    pub frame: &'a dyn Fn(usize, [f64; 3]) -> Frame,
+    /// How the change of volume is resisted.
+    pub volume: VolumeChange,
+    /// Which nodes this rank owns.
+    pub layout: Layout,
+}
+
+/// State of the integration points at a displacement: eight a batch, batch after batch, point after point.
+#[derive(Debug, Clone, Default)]
+pub struct Deformation {
+    /// Volume ratio `J`.
+    pub volume_ratio: Vec<Eight>,
+    /// Squared fibre stretch `C₁₁`.
+    pub squared_stretch: Vec<Eight>,
+    /// Pressure from the nodal averages of the volume change \[kPa\], one a vertex; empty for a pointwise penalty.
+    pub nodal_pressure: Vec<f64>,
+    /// Its derivative with respect to the vertex's deformed volume \[kPa/mm³\].
+    pub nodal_slope: Vec<f64>,
+    /// Smallest `J` of the elements of this rank, with its element.
+    pub smallest: (f64, usize),
+}
+
+/// A body, assembled.
+pub struct Body {
+    elements: Box<dyn Elements>,
+    tissues: Vec<Tissue>,
+    volume: VolumeChange,
+    reference: Vec<f64>,
+    layout: Layout,
+    pattern: Arc<Pattern>,
+    coupling_pattern: Option<Arc<Pattern>>,
+    /// Reference volume, bulk modulus and law of each vertex's average.
+    vertices: Vec<(f64, f64, VolumetricLaw)>,
+    arch: Arch,
+}
+
+impl std::fmt::Debug for Body {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Body").field("n_nodes", &self.n_nodes()).field("volume", &self.volume).finish_non_exhaustive()
+    }
+}
+
+impl Body {
+    /// A body of linear tetrahedra, one integration point each.
+    ///
+    /// # Errors
+    /// [`BodyError`] for a bad tissue, element or list length.
+    pub fn linear(input: &BodyInput<'_, 4>, comm: &dyn Communicator) -> Result<Self, BodyError> {
+        Self::new::<4, 1>(input, comm)
+    }
+
+    /// A body of quadratic tetrahedra, four integration points each.
+    ///
+    /// # Errors
+    /// [`BodyError`] for a bad tissue, element or list length.
+    pub fn quadratic(input: &BodyInput<'_, 10>, comm: &dyn Communicator) -> Result<Self, BodyError> {
+        Self::new::<10, 4>(input, comm)
+    }
+
+    fn new<const N: usize, const Q: usize>(
+        input: &BodyInput<'_, N>,
+        comm: &dyn Communicator,
+    ) -> Result<Self, BodyError> {
+        let size = |what, found, expected| Err(BodyError::Size { what, found, expected });
+        for (tissue, t) in input.tissues.iter().enumerate() {
+            t.check().map_err(|source| BodyError::Material { tissue, source })?;
+        }
+        if input.tissue_of.len() != input.tets.len() {
+            return size("tissues of elements", input.tissue_of.len(), input.tets.len());
+        }
+        if let Some(&tissue) = input.tissue_of.iter().find(|t| **t >= input.tissues.len()) {
+            return size("highest tissue that an element names", tissue, input.tissues.len().saturating_sub(1));
+        }
+        if input.layout.n_local != input.nodes.len() {
+            return size("nodes of the layout", input.layout.n_local, input.nodes.len());
+        }
+        let batches = batches::<N, Q>(input.nodes, input.tets, input.tissue_of, input.frame)?;
+        let n_rows = input.layout.n_owned;
+        let pattern = Arc::new(Pattern::of_elements(n_rows, input.tets.iter().map(|t| (&t[..], &t[..]))));
+        let coupling_pattern = (input.volume != VolumeChange::Pointwise)
+            .then(|| Arc::new(Pattern::of_elements(n_rows, input.tets.iter().map(|t| (&t[..], &t[..4])))));
+        let field = Field::new(batches, &pattern, coupling_pattern.as_deref());
+        let mut body = Self {
+            elements: Box::new(field),
+            tissues: input.tissues.clone(),
+            volume: input.volume,
+            reference: input.nodes.as_flattened().to_vec(),
+            layout: input.layout.clone(),
+            pattern,
+            coupling_pattern,
+            vertices: vec![],
+            arch: Arch::new(),
+        };
+        if input.volume != VolumeChange::Pointwise {
+            body.vertices = body.vertex_averages(input, comm);
+        }
+        Ok(body)
+    }
+
+    /// Volume, volume-weighted κ and the law of the largest share of each vertex's surroundings, whatever their tissue.
+    fn vertex_averages<const N: usize>(
+        &self,
+        input: &BodyInput<'_, N>,
+        comm: &dyn Communicator,
+    ) -> Vec<(f64, f64, VolumetricLaw)> {
+        let n = input.n_vertices;
+        let mut volume = vec![vec![0.0; n]; self.tissues.len()];
+        let shape = crate::element::shape::tetrahedron_rule(self.elements.n_points());
+        for batch in 0..self.elements.n_batches() {
+            let (n_lanes, elements) = self.elements.lanes(batch);
+            for (q, (l, _)) in shape.iter().enumerate() {
+                let weight = self.elements.point_weight(batch, q);
+                for lane in 0..n_lanes {
+                    let e = elements[lane] as usize;
+                    for v in 0..4 {
+                        volume[input.tissue_of[e]][input.tets[e][v] as usize] += l[v] * weight[lane];
+                    }
+                }
+            }
+        }
+        let mut out = Vec::with_capacity(n);
+        for v in 0..n {
+            let total: f64 = volume.iter().map(|of| of[v]).sum();
+            let kappa = volume.iter().zip(&self.tissues).map(|(of, t)| of[v] * t.volumetric.kappa_kpa).sum::<f64>();
+            let most = (0..self.tissues.len()).fold(0, |m, t| if volume[t][v] > volume[m][v] { t } else { m });
+            out.push((total, kappa / total.max(f64::MIN_POSITIVE), self.tissues[most].volumetric.law));
+        }
+        let mut numbers: Vec<f64> = out.iter().flat_map(|(v, k, _)| [*v, *k]).collect();
+        if n == self.layout.n_local {
+            comm.update_ghosts(&self.layout, 2, &mut numbers);
+        }
+        for (vertex, pair) in out.iter_mut().zip(numbers.as_chunks::<2>().0) {
+            (vertex.0, vertex.1) = (pair[0], pair[1]);
+        }
+        out
+    }
+
+    /// Nodes held by this rank.
+    #[must_use]
+    pub fn n_nodes(&self) -> usize {
+        self.reference.len() / 3
+    }
+
+    /// Which of them this rank owns.
+    #[must_use]
+    pub fn layout(&self) -> &Layout {
+        &self.layout
+    }
+
+    /// Coordinates of the reference configuration \[mm\], three a node.
+    #[must_use]
+    pub fn reference(&self) -> &[f64] {
+        &self.reference
+    }
+
+    /// Pattern of the stiffness.
+    #[must_use]
+    pub fn pattern(&self) -> &Arc<Pattern> {
+        &self.pattern
+    }
+
+    /// Batches times integration points: the length of every list with one entry of eight a point.
+    #[must_use]
+    pub fn n_point_batches(&self) -> usize {
+        self.elements.n_batches() * self.elements.n_points()
+    }
+
+    /// Lanes in use and their elements for entry `idx` of a list with one entry of eight a point.
+    #[must_use]
+    pub fn point_lanes(&self, idx: usize) -> (usize, &[u32; BATCH]) {
+        self.elements.lanes(idx / self.elements.n_points())
+    }
+
+    /// Reference volume \[mm³\] that each lane of entry `idx` stands for.
+    #[must_use]
+    pub fn point_volume(&self, idx: usize) -> &Eight {
+        self.elements.point_weight(idx / self.elements.n_points(), idx % self.elements.n_points())
+    }
+
+    /// Zero matrices of the body's patterns.
+    #[must_use]
+    pub fn new_tangent(&self) -> Tangent {
+        Tangent {
+            stiffness: BlockCsr::zeros(self.pattern.clone()),
+            coupling: self.coupling_pattern.clone().map(Coupling::zeros),
+            bulk: vec![0.0; self.vertices.len()],
+        }
+    }
+
+    fn pass<'a>(&'a self, displacement: &'a [f64], active: &'a [ActivePoint], deformation: &'a [f64]) -> Pass<'a> {
+        Pass {
+            arch: self.arch,
+            tissues: &self.tissues,
+            volume: self.volume,
+            reference: &self.reference,
+            displacement,
+            nodal_pressure: deformation,
+            active,
+        }
+    }
+
+    /// Volume ratios, stretches and nodal pressures at `displacement` \[mm\], three numbers a node, ghosts up to date.
+    /// Collective.
+    pub fn deform(&self, displacement: &[f64], comm: &dyn Communicator, out: &mut Deformation) {
+        out.volume_ratio.resize(self.n_point_batches(), [1.0; BATCH]);
+        out.squared_stretch.resize(self.n_point_batches(), [1.0; BATCH]);
+        let mut volume = vec![0.0; self.vertices.len()];
+        self.elements.volumes(&self.pass(displacement, &[], &[]), out, &mut volume);
+        let nodal_share = 1.0 - self.volume.pointwise();
+        out.nodal_pressure.clear();
+        out.nodal_slope.clear();
+        for ((reference, kappa, law), volume) in self.vertices.iter().zip(volume) {
+            let (p, slope) = law.slopes(volume / reference);
+            out.nodal_pressure.push(nodal_share * kappa * p);
+            out.nodal_slope.push(nodal_share * kappa * slope / reference);
+        }
+        if self.vertices.len() == self.layout.n_local {
+            comm.update_ghosts(&self.layout, 1, &mut out.nodal_pressure);
+            comm.update_ghosts(&self.layout, 1, &mut out.nodal_slope);
+        }
+    }
+
+    /// Adds internal forces \[mN\] at `displacement`, whose [`Deformation`] is given; only owned nodes' are complete.
+    ///
+    /// - `active`: one a point batch, or empty for none
+    pub fn add_forces(
+        &self,
+        displacement: &[f64],
+        active: &[ActivePoint],
+        deformation: &Deformation,
+        force: &mut [f64],
+    ) {
+        self.elements.forces(&self.pass(displacement, active, &deformation.nodal_pressure), force);
+    }
+
+    /// As [`Self::add_forces`], and overwrites `tangent` with the derivative \[mN/mm\].
+    pub fn tangent(
+        &self,
+        displacement: &[f64],
+        active: &[ActivePoint],
+        deformation: &Deformation,
+        force: &mut [f64],
+        tangent: &mut Tangent,
+    ) {
+        tangent.clear();
+        tangent.bulk.copy_from_slice(&deformation.nodal_slope);
+        self.elements.tangent(&self.pass(displacement, active, &deformation.nodal_pressure), force, tangent);
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,230 @@
+//! Passes over the batches of a body: volumes, forces, stiffness, and their scatter in the order of the batches.
+
+use pulp::{Arch, Simd, WithSimd};
+
+use super::Deformation;
+use crate::element::batch::{Batch, vertex_values};
+use crate::element::kernel::{ActivePoint, Gathered, Scratch, VolumeChange, element, pair, volume_and_stretch};
+use crate::element::{BATCH, Eight};
+use crate::linear::{NO_SLOT, Pattern, Tangent};
+use crate::material::Tissue;
+
+/// What an assembly reads beside the mesh.
+pub(super) struct Pass<'a> {
+    pub arch: Arch,
+    pub tissues: &'a [Tissue],
+    pub volume: VolumeChange,
+    pub reference: &'a [f64],
+    pub displacement: &'a [f64],
+    pub nodal_pressure: &'a [f64],
+    pub active: &'a [ActivePoint],
+}
+
+/// Elements of one kind.
+pub(super) trait Elements: Send + Sync {
+    fn n_batches(&self) -> usize;
+    fn n_points(&self) -> usize;
+    fn volumes(&self, pass: &Pass<'_>, out: &mut Deformation, vertex_volume: &mut [f64]);
+    fn forces(&self, pass: &Pass<'_>, force: &mut [f64]);
+    fn tangent(&self, pass: &Pass<'_>, force: &mut [f64], tangent: &mut Tangent);
+    fn lanes(&self, batch: usize) -> (usize, &[u32; BATCH]);
+    fn point_weight(&self, batch: usize, point: usize) -> &Eight;
+}
+
+pub(super) struct Field<const N: usize, const Q: usize> {
+    batches: Vec<Batch<N, Q>>,
+    shape: [[f64; 4]; Q],
+    /// Slots of the pairs `(a, b)`, `a · N + b`, one a lane.
+    slots: Vec<[[u32; BATCH]; N]>,
+    /// Slots of the couplings `(a, vertex)`, `a · 4 + v`; empty for a pointwise penalty.
+    coupling_slots: Vec<[u32; BATCH]>,
+}
+
+impl<const N: usize, const Q: usize> Field<N, Q> {
+    pub(super) fn new(batches: Vec<Batch<N, Q>>, pattern: &Pattern, coupling: Option<&Pattern>) -> Self {
+        let mut slots = Vec::with_capacity(batches.len() * N);
+        let mut coupling_slots = Vec::new();
+        for batch in &batches {
+            for a in 0..N {
+                slots.push(std::array::from_fn(|b| {
+                    std::array::from_fn(|lane| pattern.slot(batch.nodes[a][lane], batch.nodes[b][lane]))
+                }));
+            }
+            if let Some(coupling) = coupling {
+                for a in 0..N {
+                    for v in 0..4 {
+                        coupling_slots.push(std::array::from_fn(|lane| {
+                            coupling.slot(batch.nodes[a][lane], batch.nodes[v][lane])
+                        }));
+                    }
+                }
+            }
+        }
+        Self { batches, shape: vertex_values::<Q>(), slots, coupling_slots }
+    }
+
+    #[inline(always)]
+    fn gather(batch: &Batch<N, Q>, pass: &Pass<'_>, into: &mut Gathered<N>) {
+        let (reference, _) = pass.reference.as_chunks::<3>();
+        let (u, _) = pass.displacement.as_chunks::<3>();
+        for a in 0..N {
+            for lane in 0..BATCH {
+                let node = batch.nodes[a][lane] as usize;
+                for i in 0..3 {
+                    into.x[a][i][lane] = reference[node][i] + u[node][i];
+                }
+            }
+        }
+        if !pass.nodal_pressure.is_empty() {
+            for v in 0..4 {
+                for lane in 0..BATCH {
+                    into.pressure[v][lane] = pass.nodal_pressure[batch.nodes[v][lane] as usize];
+                }
+            }
+        }
+    }
+}
+
+struct Volumes<'a, const N: usize, const Q: usize>(&'a Field<N, Q>, &'a Pass<'a>, &'a mut Deformation, &'a mut [f64]);
+
+impl<const N: usize, const Q: usize> WithSimd for Volumes<'_, N, Q> {
+    type Output = ();
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let Self(field, pass, out, vertex_volume) = self;
+        let mut input = Gathered { x: [[[0.0; BATCH]; 3]; N], pressure: [[0.0; BATCH]; 4] };
+        let (ratios, _) = out.volume_ratio.as_chunks_mut::<Q>();
+        let (stretches, _) = out.squared_stretch.as_chunks_mut::<Q>();
+        out.smallest = (f64::INFINITY, 0);
+        for ((batch, j), c11) in field.batches.iter().zip(ratios).zip(stretches) {
+            Field::gather(batch, pass, &mut input);
+            volume_and_stretch(simd, batch, &input.x, j, c11);
+            for (q, j) in j.iter().enumerate() {
+                for lane in 0..batch.n {
+                    // A NaN must not pass for a large volume.
+                    if !out.smallest.0.is_nan() && !(j[lane] >= out.smallest.0) {
+                        out.smallest = (j[lane], batch.elements[lane] as usize);
+                    }
+                    if !vertex_volume.is_empty() {
+                        let volume = batch.points[q].weight[lane] * j[lane];
+                        for v in 0..4 {
+                            vertex_volume[batch.nodes[v][lane] as usize] += field.shape[q][v] * volume;
+                        }
+                    }
+                }
+            }
+        }
+    }
+}
+
+struct Assembly<'a, const N: usize, const Q: usize, const TANGENT: bool>(
+    &'a Field<N, Q>,
+    &'a Pass<'a>,
+    &'a mut [f64],
+    Option<&'a mut Tangent>,
+);
+
+impl<const N: usize, const Q: usize, const TANGENT: bool> WithSimd for Assembly<'_, N, Q, TANGENT> {
+    type Output = ();
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let Self(field, pass, force, mut tangent) = self;
+        let mut input = Gathered { x: [[[0.0; BATCH]; 3]; N], pressure: [[0.0; BATCH]; 4] };
+        let mut scratch = Scratch::<N>::new();
+        let none = [ActivePoint::NONE; Q];
+        let (force, _) = force.as_chunks_mut::<3>();
+        for (idx, batch) in field.batches.iter().enumerate() {
+            Field::gather(batch, pass, &mut input);
+            scratch.force.as_flattened_mut().fill([0.0; BATCH]);
+            if TANGENT {
+                scratch.stiffness[..N * (N + 1) / 2].as_flattened_mut().fill([0.0; BATCH]);
+                scratch.coupling.as_flattened_mut().as_flattened_mut().fill([0.0; BATCH]);
+            }
+            let tissue = &pass.tissues[batch.tissue];
+            let active = if pass.active.is_empty() { &none[..] } else { &pass.active[idx * Q..(idx + 1) * Q] };
+            element::<S, N, Q, TANGENT>(simd, tissue, pass.volume, &field.shape, batch, &input, active, &mut scratch);
+            for lane in 0..batch.n {
+                for a in 0..N {
+                    let to = &mut force[batch.nodes[a][lane] as usize];
+                    for i in 0..3 {
+                        to[i] += scratch.force[a][i][lane];
+                    }
+                }
+            }
+            if let Some(tangent) = tangent.as_deref_mut() {
+                field.scatter(idx, batch.n, &scratch, tangent);
+            }
+        }
+    }
+}
+
+impl<const N: usize, const Q: usize> Field<N, Q> {
+    #[inline(always)]
+    fn scatter(&self, idx: usize, n_lanes: usize, scratch: &Scratch<N>, tangent: &mut Tangent) {
+        let slots = &self.slots[idx * N..(idx + 1) * N];
+        for lane in 0..n_lanes {
+            for a in 0..N {
+                for b in a..N {
+                    let from = &scratch.stiffness[pair(N, a, b)];
+                    let block: [f64; 9] = std::array::from_fn(|k| from[k][lane]);
+                    let slot = slots[a][b][lane];
+                    if slot != NO_SLOT {
+                        let to = &mut tangent.stiffness.blocks[slot as usize];
+                        for k in 0..9 {
+                            to[k] += block[k];
+                        }
+                    }
+                    let slot = slots[b][a][lane];
+                    if a != b && slot != NO_SLOT {
+                        let to = &mut tangent.stiffness.blocks[slot as usize];
+                        for i in 0..3 {
+                            for k in 0..3 {
+                                to[3 * i + k] += block[3 * k + i];
+                            }
+                        }
+                    }
+                }
+            }
+        }
+        if let Some(coupling) = &mut tangent.coupling {
+            let slots = &self.coupling_slots[idx * N * 4..(idx + 1) * N * 4];
+            for lane in 0..n_lanes {
+                for a in 0..N {
+                    for v in 0..4 {
+                        let slot = slots[a * 4 + v][lane];
+                        if slot != NO_SLOT {
+                            let to = &mut coupling.blocks[slot as usize];
+                            for i in 0..3 {
+                                to[i] += scratch.coupling[a][v][i][lane];
+                            }
+                        }
+                    }
+                }
+            }
+        }
+    }
+}
+
+impl<const N: usize, const Q: usize> Elements for Field<N, Q> {
+    fn n_batches(&self) -> usize {
+        self.batches.len()
+    }
+    fn n_points(&self) -> usize {
+        Q
+    }
+    fn volumes(&self, pass: &Pass<'_>, out: &mut Deformation, vertex_volume: &mut [f64]) {
+        pass.arch.dispatch(Volumes(self, pass, out, vertex_volume));
+    }
+    fn forces(&self, pass: &Pass<'_>, force: &mut [f64]) {
+        pass.arch.dispatch(Assembly::<N, Q, false>(self, pass, force, None));
+    }
+    fn tangent(&self, pass: &Pass<'_>, force: &mut [f64], tangent: &mut Tangent) {
+        pass.arch.dispatch(Assembly::<N, Q, true>(self, pass, force, Some(tangent)));
+    }
+    fn lanes(&self, batch: usize) -> (usize, &[u32; BATCH]) {
+        (self.batches[batch].n, &self.batches[batch].elements)
+    }
+    fn point_weight(&self, batch: usize, point: usize) -> &Eight {
+        &self.batches[batch].points[point].weight
+    }
+}

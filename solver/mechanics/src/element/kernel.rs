@@ -1,0 +1,289 @@
+//! Forces and stiffness of a batch of elements.
+//!
+//! The kernel sees positions in space and gradients in the fibre frame: `F = Σ xₐ ⊗ gₐ` maps the fibre frame to space, so
+//! that `C = FᵀF` has the material's axes, and `f_a = ∫ F S gₐ`, `K_ab = ∫ BₐᵀD B_b + (gₐ·S g_b) I`.
+
+use pulp::Simd;
+
+use super::batch::Batch;
+use super::{BATCH, Eight};
+use crate::material::tensor::{Sym, at};
+use crate::material::{Load, Tissue, respond};
+use crate::number::{Lanes, Real};
+
+/// Number of node pairs `a ≤ b` of the largest element.
+pub const MAX_PAIRS: usize = 55;
+
+/// Active stress at each integration point of a batch.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ActivePoint {
+    /// Active stress \[kPa\].
+    pub sa_kpa: Eight,
+    /// Derivative with respect to the fibre stretch of the whole element field \[kPa\].
+    pub slope_kpa: Eight,
+}
+
+impl ActivePoint {
+    /// No active stress.
+    pub const NONE: Self = Self { sa_kpa: [0.0; BATCH], slope_kpa: [0.0; BATCH] };
+}
+
+/// What the kernel reads of a batch's nodes.
+#[derive(Debug, Clone)]
+pub struct Gathered<const N: usize> {
+    /// Positions \[mm\].
+    pub x: [[Eight; 3]; N],
+    /// Pressures that come from nodal averages of the volume change, at the vertices \[kPa\].
+    pub pressure: [Eight; 4],
+}
+
+/// What the kernel writes; summed over integration points.
+#[derive(Debug, Clone)]
+#[repr(align(64))]
+pub struct Scratch<const N: usize> {
+    /// Force on each node \[mN\].
+    pub force: [[Eight; 3]; N],
+    /// Stiffness of the pairs `a ≤ b`, row by row \[mN/mm\]; pair `(a, b)` at [`pair`].
+    pub stiffness: [[Eight; 9]; MAX_PAIRS],
+    /// Derivative of each vertex's share of the deformed volume with respect to each node \[mm²\].
+    pub coupling: [[[Eight; 3]; 4]; N],
+}
+
+impl<const N: usize> Scratch<N> {
+    /// Zeros.
+    #[must_use]
+    pub fn new() -> Box<Self> {
+        Box::new(Self {
+            force: [[[0.0; BATCH]; 3]; N],
+            stiffness: [[[0.0; BATCH]; 9]; MAX_PAIRS],
+            coupling: [[[[0.0; BATCH]; 3]; 4]; N],
+        })
+    }
+}
+
+/// Position of the pair `a ≤ b` of an element with `n` nodes.
+#[inline(always)]
+#[must_use]
+pub const fn pair(n: usize, a: usize, b: usize) -> usize {
+    a * n + b - a * (a + 1) / 2
+}
+
+/// How the change of volume is resisted.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum VolumeChange {
+    /// At every integration point: the plain penalty (for linear elements the paper's P1/P0).
+    Pointwise,
+    /// By the average of each vertex over its elements; a share stays pointwise, which removes the spurious modes of
+    /// linear elements.
+    Nodal {
+        /// Share of κ that stays pointwise, 0 to 1.
+        pointwise_share: f64,
+    },
+}
+
+impl VolumeChange {
+    /// Share of κ at the integration points.
+    #[inline(always)]
+    #[must_use]
+    pub fn pointwise(self) -> f64 {
+        match self {
+            Self::Pointwise => 1.0,
+            Self::Nodal { pointwise_share } => pointwise_share,
+        }
+    }
+}
+
+/// `F` at an integration point.
+#[inline(always)]
+fn deformation<S: Simd, const N: usize>(
+    simd: S,
+    x: &[[Eight; 3]; N],
+    grad: &[[Eight; 3]; N],
+    lane: usize,
+) -> [[Lanes<S>; 3]; 3] {
+    let mut f = [[Lanes::splat(simd, 0.0); 3]; 3];
+    for a in 0..N {
+        for k in 0..3 {
+            let g = Lanes::load(simd, &grad[a][k][lane..]);
+            for i in 0..3 {
+                f[i][k] = Lanes::load(simd, &x[a][i][lane..]).mul_add(g, f[i][k]);
+            }
+        }
+    }
+    f
+}
+
+#[inline(always)]
+fn add<S: Simd>(simd: S, to: &mut Eight, lane: usize, x: Lanes<S>) {
+    (Lanes::load(simd, &to[lane..]) + x).store(&mut to[lane..]);
+}
+
+#[inline(always)]
+fn cofactor<R: Real>(f: &[[R; 3]; 3]) -> [[R; 3]; 3] {
+    let mut out = *f;
+    for r in 0..3 {
+        for c in 0..3 {
+            let (r1, r2, c1, c2) = ((r + 1) % 3, (r + 2) % 3, (c + 1) % 3, (c + 2) % 3);
+            out[r][c] = f[r1][c1] * f[r2][c2] - f[r1][c2] * f[r2][c1];
+        }
+    }
+    out
+}
+
+/// Volume ratio and squared fibre stretch at each integration point.
+#[inline(always)]
+pub fn volume_and_stretch<S: Simd, const N: usize, const Q: usize>(
+    simd: S,
+    batch: &Batch<N, Q>,
+    x: &[[Eight; 3]; N],
+    volume_ratio: &mut [Eight; Q],
+    squared_stretch: &mut [Eight; Q],
+) {
+    for lane in (0..BATCH).step_by(S::F64_LANES) {
+        for q in 0..Q {
+            let f = deformation(simd, x, &batch.points[q].grad, lane);
+            let cof = cofactor(&f);
+            let j = f[0][0].mul_add(cof[0][0], f[0][1].mul_add(cof[0][1], f[0][2] * cof[0][2]));
+            j.store(&mut volume_ratio[q][lane..]);
+            let c11 = f[0][0].mul_add(f[0][0], f[1][0].mul_add(f[1][0], f[2][0] * f[2][0]));
+            c11.store(&mut squared_stretch[q][lane..]);
+        }
+    }
+}
+
+/// Forces and, with `TANGENT`, stiffness and volume coupling of a batch, added to `out`.
+///
+/// - `shape`: values of the vertices' linear shape functions at each integration point
+/// - `active`: one an integration point
+#[inline(always)]
+#[expect(clippy::too_many_arguments, reason = "what an element needs, each of its own kind")]
+pub fn element<S: Simd, const N: usize, const Q: usize, const TANGENT: bool>(
+    simd: S,
+    tissue: &Tissue,
+    volume: VolumeChange,
+    shape: &[[f64; 4]; Q],
+    batch: &Batch<N, Q>,
+    input: &Gathered<N>,
+    active: &[ActivePoint],
+    out: &mut Scratch<N>,
+) {
+    for lane in (0..BATCH).step_by(S::F64_LANES) {
+        for q in 0..Q {
+            point::<S, N, Q, TANGENT>(simd, tissue, volume, &shape[q], batch, input, &active[q], out, lane, q);
+        }
+    }
+}
+
+#[inline(always)]
+#[expect(clippy::too_many_arguments, reason = "the inner half of `element`")]
+fn point<S: Simd, const N: usize, const Q: usize, const TANGENT: bool>(
+    simd: S,
+    tissue: &Tissue,
+    volume: VolumeChange,
+    shape: &[f64; 4],
+    batch: &Batch<N, Q>,
+    input: &Gathered<N>,
+    active: &ActivePoint,
+    out: &mut Scratch<N>,
+    lane: usize,
+    q: usize,
+) {
+    let zero = Lanes::splat(simd, 0.0);
+    let grad = &batch.points[q].grad;
+    let weight = Lanes::load(simd, &batch.points[q].weight[lane..]);
+    let f = deformation(simd, &input.x, grad, lane);
+    let cof = cofactor(&f);
+    let j = f[0][0].mul_add(cof[0][0], f[0][1].mul_add(cof[0][1], f[0][2] * cof[0][2]));
+    let mut c: Sym<Lanes<S>> = [zero; 6];
+    for (k, (m, n)) in [(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)].into_iter().enumerate() {
+        c[k] = f[0][m].mul_add(f[0][n], f[1][m].mul_add(f[1][n], f[2][m] * f[2][n]));
+    }
+    let (slope, curvature) = tissue.volumetric.law.slopes(j);
+    let kappa = volume.pointwise() * tissue.volumetric.kappa_kpa;
+    let mut pressure = slope.times(kappa);
+    if let VolumeChange::Nodal { .. } = volume {
+        for v in 0..4 {
+            pressure = Lanes::load(simd, &input.pressure[v][lane..]).mul_add(zero.like(shape[v]), pressure);
+        }
+    }
+    let load = Load {
+        pressure,
+        bulk: curvature.times(kappa),
+        active: Lanes::load(simd, &active.sa_kpa[lane..]),
+        active_slope: Lanes::load(simd, &active.slope_kpa[lane..]),
+    };
+    let response = respond::<Lanes<S>, TANGENT>(tissue, &c, j, &load);
+    let (mut s, mut d) = (response.s, response.d);
+    for k in 0..6 {
+        s[k] = s[k] * weight;
+    }
+    let full = [[s[0], s[3], s[4]], [s[3], s[1], s[5]], [s[4], s[5], s[2]]];
+    let mut g = [[zero; 3]; N];
+    // S gₐ once: both the force F S gₐ and the geometric stiffness gₐ·S g_b need it.
+    let mut sg = [[zero; 3]; N];
+    for a in 0..N {
+        for k in 0..3 {
+            g[a][k] = Lanes::load(simd, &grad[a][k][lane..]);
+        }
+        for k in 0..3 {
+            sg[a][k] = full[k][0].mul_add(g[a][0], full[k][1].mul_add(g[a][1], full[k][2] * g[a][2]));
+        }
+    }
+    for a in 0..N {
+        for i in 0..3 {
+            let force = f[i][0].mul_add(sg[a][0], f[i][1].mul_add(sg[a][1], f[i][2] * sg[a][2]));
+            add(simd, &mut out.force[a][i], lane, force);
+        }
+    }
+    if !TANGENT {
+        return;
+    }
+    if let VolumeChange::Nodal { .. } = volume {
+        for a in 0..N {
+            for i in 0..3 {
+                let h = cof[i][0].mul_add(g[a][0], cof[i][1].mul_add(g[a][1], cof[i][2] * g[a][2])) * weight;
+                for v in 0..4 {
+                    add(simd, &mut out.coupling[a][v][i], lane, h.times(shape[v]));
+                }
+            }
+        }
+    }
+    for k in 0..21 {
+        d[k] = d[k] * weight;
+    }
+    // Bₐ: engineering strain from the displacement of node a; [component][direction].
+    let mut strain = [[[zero; 3]; 6]; N];
+    for a in 0..N {
+        for i in 0..3 {
+            for k in 0..3 {
+                strain[a][k][i] = f[i][k] * g[a][k];
+            }
+            for (r, (k, l)) in [(3, (0, 1)), (4, (0, 2)), (5, (1, 2))] {
+                strain[a][r][i] = f[i][k].mul_add(g[a][l], f[i][l] * g[a][k]);
+            }
+        }
+    }
+    for b in 0..N {
+        let mut db = [[zero; 3]; 6];
+        for r in 0..6 {
+            for c in 0..6 {
+                for i in 0..3 {
+                    db[r][i] = d[at(r, c)].mul_add(strain[b][c][i], db[r][i]);
+                }
+            }
+        }
+        for a in 0..=b {
+            let geometric = g[a][0].mul_add(sg[b][0], g[a][1].mul_add(sg[b][1], g[a][2] * sg[b][2]));
+            let block = &mut out.stiffness[pair(N, a, b)];
+            for i in 0..3 {
+                for k in 0..3 {
+                    let mut x = if i == k { geometric } else { zero };
+                    for r in 0..6 {
+                        x = strain[a][r][i].mul_add(db[r][k], x);
+                    }
+                    add(simd, &mut block[3 * i + k], lane, x);
+                }
+            }
+        }
+    }
+}

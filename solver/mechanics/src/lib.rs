@@ -1,0 +1,21 @@
+//! Finite-element mechanics of the left ventricle.
+//!
+//! - [`material`]: strain energies with stress and consistent tangent, active stress
+//! - [`element`]: linear and quadratic tetrahedra, eight at a time
+//! - [`body`]: assembly of forces and stiffness
+//! - [`linear`]: sparse matrices of 3×3 blocks and solvers
+//! - [`parallel`]: every global operation behind one interface
+//! - [`number`]: the numbers that kernels are written over, SIMD vectors among them
+//!
+//! Units: mm, ms, mg, kPa, mN (coherent). Tensors are in the fibre frame.
+
+#![deny(missing_docs)]
+#![allow(clippy::needless_range_loop, reason = "tensor indices are read as indices")]
+#![allow(clippy::neg_cmp_op_on_partial_ord, reason = "a comparison with NaN must end on the cautious side")]
+
+pub mod body;
+pub mod element;
+pub mod linear;
+pub mod material;
+pub mod number;
+pub mod parallel;

@@ -1,0 +1,100 @@
+//! Cheap approximations of the inverse: per node, or one symmetric sweep over the nodes of a rank.
+
+use super::Tangent;
+use crate::parallel::Space;
+
+/// An approximation of the inverse of a tangent. Linear, and symmetric where it serves CG or MINRES.
+pub trait Preconditioner {
+    /// `z ≈ A⁻¹ r` over owned nodes.
+    fn apply(&self, space: Space<'_>, r: &[f64], z: &mut [f64]);
+}
+
+/// Inverse of a 3×3 block; the identity over its trace where it is singular.
+fn inverse(b: &[f64; 9]) -> [f64; 9] {
+    let cof = |r: usize, c: usize| {
+        let (r1, r2, c1, c2) = ((r + 1) % 3, (r + 2) % 3, (c + 1) % 3, (c + 2) % 3);
+        b[3 * r1 + c1] * b[3 * r2 + c2] - b[3 * r1 + c2] * b[3 * r2 + c1]
+    };
+    let det: f64 = (0..3).map(|c| b[c] * cof(0, c)).sum();
+    let trace = b[0] + b[4] + b[8];
+    if det.abs() > 1e-14 * trace.abs().powi(3) {
+        std::array::from_fn(|k| cof(k % 3, k / 3) / det)
+    } else {
+        let d = if trace == 0.0 { 1.0 } else { 3.0 / trace.abs() };
+        std::array::from_fn(|k| if k % 4 == 0 { d } else { 0.0 })
+    }
+}
+
+fn times(b: &[f64; 9], v: &[f64; 3]) -> [f64; 3] {
+    std::array::from_fn(|i| b[3 * i] * v[0] + b[3 * i + 1] * v[1] + b[3 * i + 2] * v[2])
+}
+
+/// The inverse of each node's diagonal block.
+#[derive(Debug, Clone)]
+pub struct BlockJacobi {
+    inverses: Vec<[f64; 9]>,
+}
+
+impl BlockJacobi {
+    /// Inverts the diagonal blocks of `tangent`, nodal volume change included.
+    #[must_use]
+    pub fn new(tangent: &Tangent) -> Self {
+        Self { inverses: (0..tangent.stiffness.pattern.n_rows()).map(|r| inverse(&tangent.diagonal(r))).collect() }
+    }
+}
+
+impl Preconditioner for BlockJacobi {
+    fn apply(&self, _space: Space<'_>, r: &[f64], z: &mut [f64]) {
+        let (r, _) = r.as_chunks::<3>();
+        let (z, _) = z.as_chunks_mut::<3>();
+        for ((inverse, r), z) in self.inverses.iter().zip(r).zip(z) {
+            *z = times(inverse, r);
+        }
+    }
+}
+
+/// Symmetric block Gauss–Seidel over the nodes of a rank: one sweep forward, one backward, `(D+L) D⁻¹ (D+U)`, of the
+/// elements' stiffness with the whole matrix's diagonal blocks.
+#[derive(Debug)]
+pub struct SymmetricSweep<'a> {
+    tangent: &'a Tangent,
+    diagonal: Vec<[f64; 9]>,
+    inverses: Vec<[f64; 9]>,
+}
+
+impl<'a> SymmetricSweep<'a> {
+    /// Prepares the sweeps of `tangent`.
+    #[must_use]
+    pub fn new(tangent: &'a Tangent) -> Self {
+        let diagonal: Vec<[f64; 9]> = (0..tangent.stiffness.pattern.n_rows()).map(|r| tangent.diagonal(r)).collect();
+        let inverses = diagonal.iter().map(inverse).collect();
+        Self { tangent, diagonal, inverses }
+    }
+}
+
+impl Preconditioner for SymmetricSweep<'_> {
+    fn apply(&self, _space: Space<'_>, r: &[f64], z: &mut [f64]) {
+        let pattern = &self.tangent.stiffness.pattern;
+        let blocks = &self.tangent.stiffness.blocks;
+        let (r, _) = r.as_chunks::<3>();
+        let (z, _) = z.as_chunks_mut::<3>();
+        for row in 0..pattern.n_rows() {
+            let mut sum = r[row];
+            for k in pattern.row(row).take_while(|k| (pattern.column[*k] as usize) < row) {
+                let t = times(&blocks[k], &z[pattern.column[k] as usize]);
+                (0..3).for_each(|i| sum[i] -= t[i]);
+            }
+            z[row] = times(&self.inverses[row], &sum);
+        }
+        for row in (0..pattern.n_rows()).rev() {
+            let mut sum = times(&self.diagonal[row], &z[row]);
+            for k in pattern.row(row).rev().take_while(|k| pattern.column[*k] as usize > row) {
+                if (pattern.column[k] as usize) < pattern.n_rows() {
+                    let t = times(&blocks[k], &z[pattern.column[k] as usize]);
+                    (0..3).for_each(|i| sum[i] -= t[i]);
+                }
+            }
+            z[row] = times(&self.inverses[row], &sum);
+        }
+    }
+}

@@ -1,0 +1,105 @@
+//! The derivative of a body's forces: a sparse stiffness, and the nodal volume change as a product of sparse matrices.
+
+use super::{BlockCsr, Coupling, NO_SLOT};
+use crate::parallel::Space;
+
+/// `K + G D Gᵀ`: `K` by elements; `G` the derivative of the vertices' volumes, `D` their bulk stiffness. The product is
+/// never formed: its rows would reach two rings of neighbours.
+#[derive(Debug, Clone)]
+pub struct Tangent {
+    /// `K`.
+    pub stiffness: BlockCsr,
+    /// `G`, where volume change is resisted by nodal averages.
+    pub coupling: Option<Coupling>,
+    /// `D` \[kPa/mm³\], one a vertex.
+    pub bulk: Vec<f64>,
+}
+
+impl Tangent {
+    /// Sets all entries to zero.
+    pub fn clear(&mut self) {
+        self.stiffness.blocks.fill([0.0; 9]);
+        if let Some(coupling) = &mut self.coupling {
+            coupling.blocks.fill([0.0; 3]);
+        }
+        self.bulk.fill(0.0);
+    }
+
+    /// `y = (K + G D Gᵀ) x` over owned rows; brings ghosts of `x` up to date first. Collective.
+    pub fn multiply(&self, space: Space<'_>, x: &mut [f64], y: &mut [f64]) {
+        space.update(x);
+        self.stiffness.multiply(x, y);
+        if let Some(coupling) = &self.coupling {
+            let mut p = vec![0.0; self.bulk.len()];
+            coupling.multiply_transposed(x, &mut p);
+            for (p, d) in p.iter_mut().zip(&self.bulk) {
+                *p *= d;
+            }
+            if p.len() == space.layout.n_local {
+                space.comm.update_ghosts(space.layout, 1, &mut p);
+            }
+            coupling.add_product(&p, y);
+        }
+    }
+
+    /// The 3×3 diagonal block of a row, of the whole matrix.
+    #[must_use]
+    pub fn diagonal(&self, row: usize) -> [f64; 9] {
+        let mut block = self.stiffness.diagonal(row);
+        if let Some(coupling) = &self.coupling {
+            for k in coupling.pattern.row(row) {
+                let (g, d) = (&coupling.blocks[k], self.bulk[coupling.pattern.column[k] as usize]);
+                for i in 0..3 {
+                    for j in 0..3 {
+                        block[3 * i + j] += d * g[i] * g[j];
+                    }
+                }
+            }
+        }
+        block
+    }
+
+    /// Makes the rows and columns of fixed components those of the identity, times `scale`.
+    ///
+    /// - `fixed`: for each node which components are fixed
+    pub fn constrain(&mut self, fixed: &[[bool; 3]], scale: f64) {
+        let pattern = self.stiffness.pattern.clone();
+        for row in 0..pattern.n_rows() {
+            for k in pattern.row(row) {
+                let column = pattern.column[k] as usize;
+                let (fr, fc) = (fixed[row], fixed[column]);
+                if !fr.contains(&true) && !fc.contains(&true) {
+                    continue;
+                }
+                let block = &mut self.stiffness.blocks[k];
+                for i in 0..3 {
+                    for j in 0..3 {
+                        if fr[i] || fc[j] {
+                            block[3 * i + j] = if row == column && i == j { scale } else { 0.0 };
+                        }
+                    }
+                }
+            }
+        }
+        if let Some(coupling) = &mut self.coupling {
+            for row in (0..pattern.n_rows()).filter(|r| fixed[*r].contains(&true)) {
+                for k in coupling.pattern.row(row) {
+                    for i in 0..3 {
+                        if fixed[row][i] {
+                            coupling.blocks[k][i] = 0.0;
+                        }
+                    }
+                }
+            }
+        }
+    }
+
+    /// Adds a block of the stiffness; does nothing at [`NO_SLOT`].
+    pub fn add_block(&mut self, slot: u32, block: &[f64; 9]) {
+        if slot != NO_SLOT {
+            for (to, from) in self.stiffness.blocks[slot as usize].iter_mut().zip(block) {
+                *to += from;
+            }
+        }
+    }
+}

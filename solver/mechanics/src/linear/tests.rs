@@ -1,0 +1,155 @@
+//! Every solver against the direct factorisation, on a lattice with 3×3 blocks.
+
+use std::sync::Arc;
+
+use super::*;
+use crate::parallel::{Layout, SingleProcess, Space};
+
+type Solver = fn(Space<'_>, &Tangent, &dyn Preconditioner, &[f64], &mut [f64], &KrylovSettings) -> KrylovReport;
+
+/// A graph Laplacian of 3×3 blocks on an `n`³ lattice, with a coupling; `shift` on the diagonal, `skew` makes it
+/// unsymmetric.
+fn lattice(n: usize, shift: f64, skew: f64) -> (Tangent, Vec<f64>) {
+    let at = |i: usize, j: usize, k: usize| ((i * n + j) * n + k) as u32;
+    let (mut pairs, mut points) = (vec![], vec![]);
+    for i in 0..n {
+        for j in 0..n {
+            for k in 0..n {
+                points.extend([i as f64, j as f64, k as f64]);
+                for other in [(i + 1, j, k), (i, j + 1, k), (i, j, k + 1)] {
+                    if other.0 < n && other.1 < n && other.2 < n {
+                        pairs.push([at(i, j, k), at(other.0, other.1, other.2)]);
+                    }
+                }
+            }
+        }
+    }
+    let pattern = Arc::new(Pattern::of_elements(n * n * n, pairs.iter().map(|p| (&p[..], &p[..]))));
+    let mut stiffness = BlockCsr::zeros(pattern.clone());
+    let mut coupling = Coupling::zeros(pattern.clone());
+    for (e, [a, b]) in pairs.iter().enumerate() {
+        // A symmetric positive block for each edge, another one from edge to edge.
+        let d = |k: usize| 1.0 + 0.4 * ((e * 3 + k) as f64).sin();
+        let block = [d(0), 0.3, 0.1, 0.3, d(1), -0.2, 0.1, -0.2, d(2)];
+        for (r, c, sign) in [(*a, *a, 1.0), (*b, *b, 1.0), (*a, *b, -1.0), (*b, *a, -1.0)] {
+            let to = &mut stiffness.blocks[pattern.slot(r, c) as usize];
+            for k in 0..9 {
+                to[k] += sign * block[k];
+            }
+        }
+        stiffness.blocks[pattern.slot(*a, *b) as usize][1] += skew;
+        for (r, c) in [(*a, *b), (*b, *a), (*a, *a)] {
+            coupling.blocks[pattern.slot(r, c) as usize][e % 3] += 0.3 * ((e + r as usize) as f64).cos();
+        }
+    }
+    for r in 0..n * n * n {
+        let to = &mut stiffness.blocks[pattern.slot(r as u32, r as u32) as usize];
+        for i in 0..3 {
+            to[4 * i] += shift;
+        }
+    }
+    (Tangent { stiffness, coupling: Some(coupling), bulk: vec![2.0; n * n * n] }, points)
+}
+
+fn right_hand_side(n: usize) -> Vec<f64> {
+    (0..n).map(|k| (k as f64 * 0.7).sin()).collect()
+}
+
+#[test]
+fn every_solver_finds_the_same_solution() {
+    let (a, points) = lattice(6, 0.05, 0.0);
+    let layout = Layout::whole(216);
+    let space = Space { comm: &SingleProcess, layout: &layout };
+    let b = right_hand_side(648);
+    let mut direct = Direct::new(&a, &points).expect("a pattern");
+    direct.factorise(&a).expect("a positive definite matrix");
+    let mut want = vec![0.0; 648];
+    direct.apply(space, &b, &mut want);
+    let settings = KrylovSettings { relative_tolerance: 1e-11, ..KrylovSettings::default() };
+    let jacobi = BlockJacobi::new(&a);
+    let sweep = SymmetricSweep::new(&a);
+    type Solver = fn(Space<'_>, &Tangent, &dyn Preconditioner, &[f64], &mut [f64], &KrylovSettings) -> KrylovReport;
+    let mut counts = vec![];
+    for solver in [conjugate_gradients as Solver, minres, gmres] {
+        for m in [&jacobi as &dyn Preconditioner, &sweep, &direct] {
+            let mut x = vec![0.0; 648];
+            let report = solver(space, &a, m, &b, &mut x, &settings);
+            assert_eq!(report.ending, KrylovEnding::Converged, "{report:?}");
+            let scale = want.iter().fold(0.0_f64, |m, x| m.max(x.abs()));
+            assert!(x.iter().zip(&want).all(|(x, w)| (x - w).abs() < 1e-8 * scale));
+            counts.push(report.iterations);
+        }
+    }
+    // A sweep halves the iterations of block Jacobi at least; the factorisation needs one or two.
+    for of in counts.chunks(3) {
+        assert!(2 * of[1] <= of[0] + 6 && of[2] <= 2, "{counts:?}");
+    }
+}
+
+#[test]
+fn an_indefinite_matrix_stops_conjugate_gradients_but_not_minres_and_gmres() {
+    let (a, points) = lattice(5, -0.35, 0.0);
+    let layout = Layout::whole(125);
+    let space = Space { comm: &SingleProcess, layout: &layout };
+    let b = right_hand_side(375);
+    let jacobi = BlockJacobi::new(&a);
+    let settings = KrylovSettings { relative_tolerance: 1e-9, restart: 400, ..KrylovSettings::default() };
+    let solve = |solver: Solver| {
+        let mut x = vec![0.0; 375];
+        (solver(space, &a, &jacobi, &b, &mut x, &settings), x)
+    };
+    assert_eq!(solve(conjugate_gradients).0.ending, KrylovEnding::Indefinite);
+    let (m, x) = solve(minres);
+    let (g, y) = solve(gmres);
+    assert_eq!((m.ending, g.ending), (KrylovEnding::Converged, KrylovEnding::Converged));
+    assert!(x.iter().zip(&y).all(|(x, y)| (x - y).abs() < 1e-5));
+    let mut direct = Direct::new(&a, &points).expect("a pattern");
+    direct.factorise(&a).expect("no pivot vanishes");
+}
+
+#[test]
+fn gmres_with_the_symmetric_half_solves_an_unsymmetric_matrix_in_a_few_steps() {
+    let (a, points) = lattice(6, 0.5, 0.05);
+    let layout = Layout::whole(216);
+    let space = Space { comm: &SingleProcess, layout: &layout };
+    let b = right_hand_side(648);
+    let mut direct = Direct::new(&a, &points).expect("a pattern");
+    direct.factorise(&a).expect("its symmetric half is positive definite");
+    let mut x = vec![0.0; 648];
+    let report = gmres(space, &a, &direct, &b, &mut x, &KrylovSettings::default());
+    assert_eq!(report.ending, KrylovEnding::Converged);
+    assert!(report.iterations <= 15, "{report:?}");
+}
+
+#[test]
+fn dissection_orders_every_row_once_and_fills_in_less_than_the_given_order() {
+    let (a, points) = lattice(9, 1.0, 0.0);
+    let mut order = nested_dissection(&a.stiffness.pattern, &points);
+    let scrambled: Vec<f64> = vec![0.0; points.len()];
+    let with = Direct::new(&a, &points).expect("a pattern").fill();
+    let without = Direct::new(&a, &scrambled).expect("a pattern").fill();
+    assert!(with < without, "{with} {without}");
+    order.sort_unstable();
+    assert!(order.iter().enumerate().all(|(k, o)| k == *o as usize));
+}
+
+#[test]
+fn fixed_components_keep_their_value() {
+    let (mut a, _) = lattice(4, 0.5, 0.0);
+    let mut fixed = vec![[false; 3]; 64];
+    fixed[5] = [true, false, true];
+    a.constrain(&fixed, 7.0);
+    let layout = Layout::whole(64);
+    let space = Space { comm: &SingleProcess, layout: &layout };
+    let mut x = right_hand_side(192);
+    let mut y = vec![0.0; 192];
+    a.multiply(space, &mut x, &mut y);
+    assert!((y[15] - 7.0 * x[15]).abs() < 1e-14 && (y[17] - 7.0 * x[17]).abs() < 1e-14);
+    let before = y.clone();
+    x[15] += 1.0;
+    a.multiply(space, &mut x, &mut y);
+    assert!(
+        before.iter().zip(&y).enumerate().all(|(k, (b, y))| k == 15 || b == y),
+        "no other row sees a fixed component"
+    );
+}

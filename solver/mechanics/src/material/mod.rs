@@ -1,0 +1,185 @@
+//! Strain energies, their stress and consistent tangent, in the fibre frame.
+//!
+//! Axes of every tensor here are fibre, sheet and sheet-normal of the reference configuration, so a material needs no
+//! direction vectors. A law depends on the isochoric Green strain `Ē = (J^{-2/3} C − I)/2` through a [`Law`]'s isochoric
+//! part, and may have a part that sees the full `C` (Holzapfel–Ogden's fibre terms); [`respond`] projects the first one
+//! and adds pressure and active stress.
+
+mod active;
+mod guccione;
+mod holzapfel_ogden;
+mod neo_hookean;
+pub mod tensor;
+mod volumetric;
+
+pub use active::{ActiveConvention, ActiveLaw};
+pub use guccione::Guccione;
+pub use holzapfel_ogden::HolzapfelOgden;
+pub use neo_hookean::NeoHookean;
+pub use volumetric::{Volumetric, VolumetricLaw};
+
+use crate::number::Real;
+use tensor::{Sym, Tangent, add_pair, add_square, add_symmetric_product, apply, contract, inverse};
+
+/// A passive law of tissue.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Law {
+    /// Guccione 1995, exponential, transversely isotropic.
+    Guccione(Guccione),
+    /// Holzapfel and Ogden 2009, orthotropic.
+    HolzapfelOgden(HolzapfelOgden),
+    /// Neo-Hookean, isotropic.
+    NeoHookean(NeoHookean),
+}
+
+/// One kind of tissue: passive law, resistance to a change of volume, active stress.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Tissue {
+    /// Passive law.
+    pub law: Law,
+    /// Resistance to a change of volume.
+    pub volumetric: Volumetric,
+    /// How active stress acts; `None` for passive tissue.
+    pub active: Option<ActiveLaw>,
+    /// Density in the reference configuration \[mg/mm³\].
+    pub density: f64,
+}
+
+/// A parameter of a material outside its range.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[error("material parameter {name} = {value} must be {expected}")]
+pub struct MaterialError {
+    /// Parameter.
+    pub name: &'static str,
+    /// Its value.
+    pub value: f64,
+    /// What is allowed.
+    pub expected: &'static str,
+}
+
+impl MaterialError {
+    fn unless(ok: bool, name: &'static str, value: f64, expected: &'static str) -> Result<(), Self> {
+        if ok { Ok(()) } else { Err(Self { name, value, expected }) }
+    }
+}
+
+impl Tissue {
+    /// Checks every parameter.
+    ///
+    /// # Errors
+    /// [`MaterialError`] for the first parameter that is not finite or outside its range.
+    pub fn check(&self) -> Result<(), MaterialError> {
+        MaterialError::unless(self.density > 0.0, "density", self.density, "positive")?;
+        self.volumetric.check()?;
+        if let Some(active) = &self.active {
+            active.check()?;
+        }
+        match &self.law {
+            Law::Guccione(law) => law.check(),
+            Law::HolzapfelOgden(law) => law.check(),
+            Law::NeoHookean(law) => law.check(),
+        }
+    }
+}
+
+/// Second Piola–Kirchhoff stress \[kPa\] and its tangent `2 ∂S/∂C` \[kPa\].
+#[derive(Debug, Clone, Copy)]
+pub struct Response<R> {
+    /// Stress.
+    pub s: Sym<R>,
+    /// Tangent; zeros where it was not asked for.
+    pub d: Tangent<R>,
+}
+
+/// What acts at a point beside the passive law.
+#[derive(Debug, Clone, Copy)]
+pub struct Load<R> {
+    /// `U'(J)` of the part of the volumetric energy that this point itself carries, plus the pressure that comes from
+    /// elsewhere (nodal averages) \[kPa\].
+    pub pressure: R,
+    /// `U''(J)` of the part that this point itself carries \[kPa\].
+    pub bulk: R,
+    /// Active stress along the fibre \[kPa\], before the convention's factor.
+    pub active: R,
+    /// Its derivative with respect to the fibre stretch `λ = √C₁₁` \[kPa\].
+    pub active_slope: R,
+}
+
+impl Law {
+    /// Strain energy \[kPa\] without the volumetric part, from `C` and `J = √det C`.
+    pub fn energy<R: Real>(&self, c: &Sym<R>, j: R) -> R {
+        let cbar = scaled(c, (j.ln().times(-2.0 / 3.0)).exp());
+        match self {
+            Self::Guccione(law) => law.energy(&cbar),
+            Self::HolzapfelOgden(law) => law.isochoric_energy(&cbar) + law.fibre_energy(c),
+            Self::NeoHookean(law) => law.energy(&cbar),
+        }
+    }
+}
+
+#[inline(always)]
+fn scaled<R: Real>(c: &Sym<R>, k: R) -> Sym<R> {
+    let mut out = *c;
+    for i in 0..6 {
+        out[i] = out[i] * k;
+    }
+    out
+}
+
+// No closures below this line in anything that a kernel inlines (`array::map`, `from_fn`): one that is not inlined is
+// compiled without the vector instructions of its caller, and costs a factor of ten.
+
+/// Stress and, with `TANGENT`, tangent of `tissue` at right Cauchy–Green tensor `c` with `j = det F`.
+///
+/// Source of the projection: Holzapfel, Nonlinear Solid Mechanics (2000), eqs. 6.88–6.91 and 6.164–6.170.
+#[inline(always)]
+pub fn respond<R: Real, const TANGENT: bool>(tissue: &Tissue, c: &Sym<R>, j: R, load: &Load<R>) -> Response<R> {
+    let zero = j.like(0.0);
+    let a = (j.ln().times(-2.0 / 3.0)).exp();
+    let cbar = scaled(c, a);
+    // Fictitious stress S̄ = ∂W/∂Ē and its tangent.
+    let mut bar = Response { s: [zero; 6], d: [zero; 21] };
+    match &tissue.law {
+        Law::Guccione(law) => law.add_isochoric::<R, TANGENT>(&cbar, &mut bar),
+        Law::HolzapfelOgden(law) => law.add_isochoric::<R, TANGENT>(&cbar, &mut bar),
+        Law::NeoHookean(law) => law.add_isochoric(&cbar, &mut bar),
+    }
+    let c_inv = inverse(c, j * j);
+    let t = contract(&bar.s, c);
+    let third_t = t.times(1.0 / 3.0);
+    let p_j = load.pressure * j;
+    let mut s_iso = [zero; 6];
+    let mut out = Response { s: [zero; 6], d: [zero; 21] };
+    for i in 0..6 {
+        s_iso[i] = a * (bar.s[i] - third_t * c_inv[i]);
+        out.s[i] = p_j.mul_add(c_inv[i], s_iso[i]);
+    }
+    if TANGENT {
+        let a2 = a * a;
+        let h = apply(&bar.d, c);
+        let chc = contract(&h, c);
+        for k in 0..21 {
+            out.d[k] = a2 * bar.d[k];
+        }
+        // Every C⁻¹⊗C⁻¹ and C⁻¹⊙C⁻¹ in one go: projection, 2/3 Tr(S̄) P̃, and pressure.
+        let dyad = a2 * chc.times(1.0 / 9.0) - a * t.times(2.0 / 9.0) + p_j + load.bulk * (j * j);
+        let product = a * t.times(2.0 / 3.0) - (p_j + p_j);
+        add_square(&mut out.d, dyad, &c_inv);
+        add_symmetric_product(&mut out.d, product, &c_inv);
+        let mut v = [zero; 6];
+        for i in 0..6 {
+            v[i] = -(a2 * h[i].times(1.0 / 3.0) + s_iso[i].times(2.0 / 3.0));
+        }
+        add_pair(&mut out.d, &c_inv, &v);
+    }
+    if let Law::HolzapfelOgden(law) = &tissue.law {
+        law.add_fibres::<R, TANGENT>(c, &mut out);
+    }
+    if let Some(active) = &tissue.active {
+        active.add::<R, TANGENT>(c, load, &mut out);
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests;

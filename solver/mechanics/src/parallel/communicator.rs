@@ -1,0 +1,51 @@
+//! The one interface of global operations, and its single-process implementation.
+
+use super::Layout;
+
+/// Global operations of a group of ranks. Each is collective: all ranks call it in the same order. Reductions give every
+/// rank the same bits.
+pub trait Communicator: std::fmt::Debug + Send + Sync {
+    /// This rank.
+    fn rank(&self) -> usize;
+
+    /// Number of ranks.
+    fn n_ranks(&self) -> usize;
+
+    /// Replaces each value by its sum over ranks, in the order of ranks.
+    fn sum(&self, values: &mut [f64]);
+
+    /// Replaces each value by its largest over ranks; NaN on any rank gives NaN.
+    fn max(&self, values: &mut [f64]);
+
+    /// Copies owned values, `width` a node, to the ranks that hold them as ghosts.
+    fn update_ghosts(&self, layout: &Layout, width: usize, values: &mut [f64]);
+
+    /// Values of all ranks, one rank after another, on rank 0; `None` elsewhere.
+    fn gather(&self, values: &[f64]) -> Option<Vec<f64>>;
+}
+
+/// One process that holds everything.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct SingleProcess;
+
+impl Communicator for SingleProcess {
+    fn rank(&self) -> usize {
+        0
+    }
+
+    fn n_ranks(&self) -> usize {
+        1
+    }
+
+    fn sum(&self, _values: &mut [f64]) {}
+
+    fn max(&self, _values: &mut [f64]) {}
+
+    fn update_ghosts(&self, layout: &Layout, _width: usize, _values: &mut [f64]) {
+        debug_assert!(layout.neighbours.is_empty(), "a single process has no neighbours");
+    }
+
+    fn gather(&self, values: &[f64]) -> Option<Vec<f64>> {
+        Some(values.to_vec())
+    }
+}

@@ -1,0 +1,113 @@
+//! Which nodes a rank holds, and vectors over them.
+
+use super::Communicator;
+
+/// What a rank exchanges with another one.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct Neighbour {
+    /// The other rank.
+    pub rank: usize,
+    /// Own nodes that the other rank holds as ghosts, in the order of its `receive`.
+    pub send: Vec<u32>,
+    /// Ghosts here that the other rank owns.
+    pub receive: Vec<u32>,
+}
+
+/// Nodes of a rank: owned ones first, then ghosts. A rank computes every element that touches an owned node, so that rows
+/// of owned nodes are complete without communication.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct Layout {
+    /// Nodes owned by this rank.
+    pub n_owned: usize,
+    /// Nodes held, with ghosts.
+    pub n_local: usize,
+    /// Exchanges, in ascending order of ranks.
+    pub neighbours: Vec<Neighbour>,
+}
+
+impl Layout {
+    /// All nodes on one rank.
+    #[must_use]
+    pub fn whole(n_nodes: usize) -> Self {
+        Self { n_owned: n_nodes, n_local: n_nodes, neighbours: vec![] }
+    }
+}
+
+/// Vectors over the nodes of all ranks, three numbers a node, owned nodes first.
+#[derive(Debug, Clone, Copy)]
+pub struct Space<'a> {
+    /// Global operations.
+    pub comm: &'a dyn Communicator,
+    /// Nodes of this rank.
+    pub layout: &'a Layout,
+}
+
+impl Space<'_> {
+    /// Numbers in a vector, with ghosts.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        3 * self.layout.n_local
+    }
+
+    /// Whether this rank holds no node.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.layout.n_local == 0
+    }
+
+    /// Numbers of owned nodes.
+    #[must_use]
+    pub fn n_owned(&self) -> usize {
+        3 * self.layout.n_owned
+    }
+
+    /// Scalar product over all ranks; collective.
+    #[must_use]
+    pub fn dot(&self, a: &[f64], b: &[f64]) -> f64 {
+        let n = self.n_owned();
+        let mut sum = [dot(&a[..n], &b[..n])];
+        self.comm.sum(&mut sum);
+        sum[0]
+    }
+
+    /// Euclidean norm over all ranks; collective.
+    #[must_use]
+    pub fn norm(&self, a: &[f64]) -> f64 {
+        self.dot(a, a).sqrt()
+    }
+
+    /// Brings ghosts up to date with their owners; collective.
+    pub fn update(&self, values: &mut [f64]) {
+        self.comm.update_ghosts(self.layout, 3, values);
+    }
+}
+
+/// Scalar product with eight running sums: a fixed order that vectorises.
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    let (a8, a_rest) = a.as_chunks::<8>();
+    let (b8, b_rest) = b.as_chunks::<8>();
+    let mut sums = [0.0; 8];
+    for (x, y) in a8.iter().zip(b8) {
+        for k in 0..8 {
+            sums[k] += x[k] * y[k];
+        }
+    }
+    let rest: f64 = a_rest.iter().zip(b_rest).map(|(x, y)| x * y).sum();
+    sums.iter().sum::<f64>() + rest
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::SingleProcess;
+    use super::*;
+
+    #[test]
+    fn products_run_over_owned_nodes_only() {
+        let layout = Layout { n_owned: 3, n_local: 4, neighbours: vec![] };
+        let space = Space { comm: &SingleProcess, layout: &layout };
+        let a: Vec<f64> = (0..12).map(f64::from).collect();
+        let want: f64 = (0..9).map(|k| f64::from(k * k)).sum();
+        assert_eq!(space.dot(&a, &a), want);
+        assert_eq!((space.len(), space.n_owned(), space.is_empty()), (12, 9, false));
+    }
+}
