@@ -91,6 +91,8 @@ pub fn find(
     let n_ventricle = model.ventricle.beat_state().count();
     let mut x: Vec<f64> = model.ventricle.beat_state().chain(model.circulation.beat_state().iter().copied()).collect();
     let start = x[0];
+    // Steps no more exact than the beat is asked to be: half an iteration a step less.
+    model.ventricle.accept_residual((0.01 * settings.tolerance).clamp(1e-8, 1e-6));
     let mut acceleration = Acceleration::default();
     if let Some(orbit) = near.filter(|orbit| orbit.state.len() == x.len()) {
         x.copy_from_slice(&orbit.state);

@@ -122,6 +122,7 @@ pub struct OneFibreVentricle {
     weights: Vec<f64>,
     pressure_terms: Vec<Box<dyn CavityPressureTerm>>,
     iteration_limit: usize,
+    accepted_residual_ml: f64,
     now: State,
     trial: Trial,
 }
@@ -142,7 +143,7 @@ struct Trial {
 
 /// Kind in snapshots.
 const KIND: &str = "one-fibre 1";
-/// Residual of the volume balance at which a step is accepted \[mL\].
+/// Residual of the volume balance at which a step is accepted, unless another is asked for \[mL\].
 const RESIDUAL_ML: f64 = 1e-8;
 /// Newton's and bisection's together, unless limited.
 const ITERATIONS: usize = 60;
@@ -180,6 +181,7 @@ impl OneFibreVentricle {
             weights,
             pressure_terms,
             iteration_limit: ITERATIONS,
+            accepted_residual_ml: RESIDUAL_ML,
             now: State {
                 volume_ml,
                 lambda: 1.0,
@@ -214,6 +216,11 @@ impl OneFibreVentricle {
     /// A step fails after `limit` iterations (at least one); the beat then cuts it.
     pub fn limit_iterations(&mut self, limit: usize) {
         self.iteration_limit = limit.max(1);
+    }
+
+    /// Accepts a step at this residual of its volume balance \[mL\].
+    pub(crate) fn accept_residual(&mut self, residual_ml: f64) {
+        self.accepted_residual_ml = residual_ml;
     }
 
     /// The passive law.
@@ -303,7 +310,7 @@ impl OneFibreVentricle {
             if !residual.is_finite() {
                 break;
             }
-            if residual.abs() <= RESIDUAL_ML {
+            if residual.abs() <= self.accepted_residual_ml {
                 self.trial.volume_ml = volume;
                 self.trial.rate_ml_per_s = flow.inflow_ml_per_s;
                 self.trial.pressure_mmhg = pressure;
