@@ -1,81 +1,169 @@
-//! Work in hand, kept so that the next attempt at the same task goes on from it.
+//! What an optimiser was told, kept so that a later attempt goes on from it, and so that a search can be taken up again
+//! at any of its generations.
 //!
-//! A checkpoint is one file, `checkpoint/<name>`, in the attempt's directory: a header line in JSON (format, task key,
-//! hash of the rest), then the state in JSON. A further attempt looks into the directories of earlier generations of
-//! the same task, `<key>-g<k>` beside its own, newest first, and takes the first whose hash and key are right.
+//! Optimisers are deterministic: what they ask follows from what they were told. So the told costs are all there is to
+//! keep, a few bytes an evaluation, appended batch by batch: telling them again gives every state that there was, without
+//! computing a cell. A record also holds a hash of the points that were asked: where the optimiser asks for others (it was
+//! changed meanwhile), the record and all later ones are left aside.
 //!
-//! The file is replaced whole, but not synced: after a power failure it may be lost or torn, which the hash tells, and
-//! costs only the time to do the work again; a sync after every generation would cost more than the generation.
+//! The file is `checkpoint/<name>` in the attempt's directory: a line of JSON (format, what is searched), then records
+//! (number of costs, hash of the points, costs, hash of it all chained to the record before; little endian). It is not
+//! synced: after a power failure it may end early or torn, which the hash tells, and costs only the time to do the work
+//! again.
 
-use std::fs;
-use std::io;
+use std::fs::{self, File};
+use std::io::{self, Write as _};
 use std::path::{Path, PathBuf};
 
-use cardiotwin_schemas::hash::sha256_hex;
 use cardiotwin_schemas::ids::AttemptId;
-use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
-/// Raised when an older state would be misread.
-const FORMAT: u32 = 1;
+/// Raised when an older file would be misread.
+const FORMAT: u32 = 2;
 
 #[derive(Debug, PartialEq, Serialize, Deserialize)]
 struct Header {
     format: u32,
-    task: String,
-    sha256: String,
+    search: String,
 }
 
-/// Where checkpoints of a task are written and looked for.
-#[derive(Debug)]
-pub struct Checkpoints(Option<Place>);
-
-#[derive(Debug)]
-struct Place {
-    directory: PathBuf,
-    task: String,
-    generation: u32,
+/// Where journals are written and looked for.
+#[derive(Debug, Default)]
+pub struct Checkpoints {
+    /// Directory of this attempt.
+    own: Option<PathBuf>,
+    /// Directories that may hold an earlier journal, first choice first.
+    earlier: Vec<PathBuf>,
+    /// What is recalled ends with this generation.
+    last_generation: Option<u64>,
 }
 
 impl Checkpoints {
-    /// Checkpoints of `attempt`, whose directory is named `<key>-g<generation>`.
+    /// In an attempt's directory; earlier generations of the same task are looked for beside it, newest first.
     #[must_use]
     pub fn of_attempt(directory: &Path, attempt: &AttemptId) -> Self {
-        let (task, generation) = (attempt.task.0.clone(), attempt.generation);
-        Self(Some(Place { directory: directory.to_owned(), task, generation }))
+        let earlier = (1..attempt.generation).rev().filter_map(|generation| sibling(directory, generation));
+        Self { own: Some(directory.to_owned()), earlier: earlier.collect(), last_generation: None }
     }
 
-    /// No checkpoints: nothing is kept and nothing is found.
+    /// In `directory`, going on from what lies in `other`, up to and with a generation if one is given.
+    #[must_use]
+    pub fn restarting(directory: &Path, other: &Path, last_generation: Option<u64>) -> Self {
+        Self { own: Some(directory.to_owned()), earlier: vec![other.to_owned()], last_generation }
+    }
+
+    /// Nowhere: every task begins anew and leaves nothing.
     #[must_use]
     pub fn none() -> Self {
-        Self(None)
+        Self::default()
     }
 
-    /// Keeps `state` under `name`, in place of what was kept before.
+    /// The generation with which recalling ends, where it was limited.
+    #[must_use]
+    pub fn last_generation(&self) -> Option<u64> {
+        self.last_generation
+    }
+
+    /// Opens the journal of a search, with what the first earlier one of the same search holds.
+    ///
+    /// # Errors
+    /// Any error of the file system in making the new file.
+    pub fn journal(&self, name: &str, search: &str) -> io::Result<Journal> {
+        let earlier = self.earlier.iter().find_map(|directory| {
+            let records = read(&directory.join("checkpoint").join(name), search)?;
+            Some((directory.clone(), records))
+        });
+        let file =
+            self.own.as_ref().map(|directory| create(&directory.join("checkpoint"), name, search)).transpose()?;
+        let (from, records) = earlier.unzip();
+        Ok(Journal { file, from, records: records.unwrap_or_default().into_iter(), chain: Chain::default() })
+    }
+}
+
+/// Told costs: recalled from an earlier attempt as far as they go, recorded beyond.
+#[derive(Debug)]
+pub struct Journal {
+    file: Option<File>,
+    from: Option<PathBuf>,
+    records: std::vec::IntoIter<Record>,
+    chain: Chain,
+}
+
+#[derive(Debug, PartialEq)]
+struct Record {
+    asked: u64,
+    costs: Vec<f64>,
+}
+
+impl Journal {
+    /// The directory whose journal is recalled, if there is one.
+    #[must_use]
+    pub fn from(&self) -> Option<&Path> {
+        self.from.as_deref()
+    }
+
+    /// The costs that were told for `points`, if the earlier journal has them next.
+    pub fn recall(&mut self, points: &[Vec<f64>]) -> Option<Vec<f64>> {
+        let record = self.records.next()?;
+        if record.asked == hash_of(points) && record.costs.len() == points.len() {
+            return Some(record.costs);
+        }
+        tracing::warn!("the optimiser asks for other points than the earlier attempt's: the rest of it is left aside");
+        self.forget();
+        None
+    }
+
+    /// Leaves the rest of the earlier journal aside.
+    pub fn forget(&mut self) {
+        self.records = Vec::new().into_iter();
+    }
+
+    /// Appends what is told for `points`.
     ///
     /// # Errors
     /// Any error of the file system.
-    pub fn save<T: Serialize>(&self, name: &str, state: &T) -> io::Result<()> {
-        let Some(place) = &self.0 else { return Ok(()) };
-        let body = serde_json::to_string(state).map_err(io::Error::other)?;
-        let header = Header { format: FORMAT, task: place.task.clone(), sha256: sha256_hex(body.as_bytes()) };
-        let folder = place.directory.join("checkpoint");
-        fs::create_dir_all(&folder)?;
-        let temporary = folder.join(format!(".{name}.tmp"));
-        fs::write(&temporary, format!("{}\n{body}", serde_json::to_string(&header).map_err(io::Error::other)?))?;
-        fs::rename(temporary, folder.join(name))
+    pub fn record(&mut self, points: &[Vec<f64>], costs: &[f64]) -> io::Result<()> {
+        let Some(file) = &mut self.file else { return Ok(()) };
+        let mut words = vec![costs.len() as u64, hash_of(points)];
+        words.extend(costs.iter().map(|cost| cost.to_bits()));
+        words.push(self.chain.next(&words));
+        let bytes: Vec<u8> = words.iter().flat_map(|word| word.to_le_bytes()).collect();
+        file.write_all(&bytes)
     }
+}
 
-    /// The newest state of an earlier attempt at the same task, with the generation that left it.
-    #[must_use]
-    pub fn load<T: DeserializeOwned>(&self, name: &str) -> Option<(u32, T)> {
-        let place = self.0.as_ref()?;
-        (1..place.generation).rev().find_map(|generation| {
-            let directory = sibling(&place.directory, generation)?;
-            let state = read(&directory.join("checkpoint").join(name), &place.task)?;
-            Some((generation, state))
-        })
+/// FNV-1a over 64-bit words: tells damage, not malice.
+fn fnv(start: u64, words: impl Iterator<Item = u64>) -> u64 {
+    words.fold(start, |hash, word| (hash ^ word).wrapping_mul(0x0100_0000_01b3).rotate_left(23))
+}
+
+fn hash_of(points: &[Vec<f64>]) -> u64 {
+    fnv(0xcbf2_9ce4_8422_2325, points.iter().flatten().map(|value| value.to_bits()))
+}
+
+/// Hash of the records so far.
+#[derive(Debug, Clone, Copy)]
+struct Chain(u64);
+
+impl Default for Chain {
+    fn default() -> Self {
+        Self(0x6c62_272e_07bb_0142)
     }
+}
+
+impl Chain {
+    fn next(&mut self, words: &[u64]) -> u64 {
+        self.0 = fnv(self.0, words.iter().copied());
+        self.0
+    }
+}
+
+fn create(folder: &Path, name: &str, search: &str) -> io::Result<File> {
+    fs::create_dir_all(folder)?;
+    let header = Header { format: FORMAT, search: search.to_owned() };
+    let mut file = File::create(folder.join(name))?;
+    file.write_all(format!("{}\n", serde_json::to_string(&header).map_err(io::Error::other)?).as_bytes())?;
+    Ok(file)
 }
 
 /// The directory of another generation: `…/<key>-g3` gives `…/<key>-g2`.
@@ -85,17 +173,32 @@ fn sibling(directory: &Path, generation: u32) -> Option<PathBuf> {
     Some(absolute.with_file_name(format!("{key}-g{generation}")))
 }
 
-/// The state in a file, if the file is whole and belongs to the task.
-fn read<T: DeserializeOwned>(path: &Path, task: &str) -> Option<T> {
-    let text = fs::read_to_string(path).ok()?;
-    let (header, body) = text.split_once('\n')?;
-    let header: Header = serde_json::from_str(header).ok()?;
-    let expected = Header { format: FORMAT, task: task.to_owned(), sha256: sha256_hex(body.as_bytes()) };
-    if header != expected {
-        tracing::warn!(file = %path.display(), "checkpoint is damaged or of another task, and left aside");
+/// The sound records of a file, if it has any and they are of the same search.
+fn read(path: &Path, search: &str) -> Option<Vec<Record>> {
+    let bytes = fs::read(path).ok()?;
+    let end = bytes.iter().position(|byte| *byte == b'\n')?;
+    let header: Header = serde_json::from_slice(&bytes[..end]).ok()?;
+    if header != (Header { format: FORMAT, search: search.to_owned() }) {
+        tracing::warn!(file = %path.display(), "checkpoint is of another search, and left aside");
         return None;
     }
-    serde_json::from_str(body).ok()
+    let words: Vec<u64> = bytes[end + 1..].as_chunks::<8>().0.iter().map(|word| u64::from_le_bytes(*word)).collect();
+    let mut records = Vec::new();
+    let (mut rest, mut chain) = (words.as_slice(), Chain::default());
+    while let Some(&n) = rest.first() {
+        let whole = usize::try_from(n).ok().and_then(|n| n.checked_add(3)).and_then(|len| rest.split_at_checked(len));
+        let sound = whole.and_then(|(record, after)| {
+            let (sum, content) = record.split_last()?;
+            (chain.next(content) == *sum).then_some((content, after))
+        });
+        let Some((content, after)) = sound else {
+            tracing::warn!(file = %path.display(), batches = records.len(), "checkpoint is damaged beyond its first batches");
+            break;
+        };
+        records.push(Record { asked: content[1], costs: content[2..].iter().map(|w| f64::from_bits(*w)).collect() });
+        rest = after;
+    }
+    Some(records).filter(|records| !records.is_empty())
 }
 
 #[cfg(test)]
@@ -103,32 +206,68 @@ mod tests {
     use super::*;
     use cardiotwin_schemas::ids::TaskKey;
 
-    fn checkpoints(root: &Path, task: &str, generation: u32) -> Checkpoints {
-        let directory = root.join(format!("{}-g{generation}", &task[..4]));
+    const NAME: &str = "told-costs";
+
+    fn checkpoints(root: &Path, generation: u32) -> Checkpoints {
+        let directory = root.join(format!("abcd-g{generation}"));
         fs::create_dir_all(&directory).unwrap();
-        Checkpoints::of_attempt(&directory, &AttemptId { task: TaskKey(task.into()), generation })
+        Checkpoints::of_attempt(&directory, &AttemptId { task: TaskKey("abcd".into()), generation })
+    }
+
+    fn points(k: usize) -> Vec<Vec<f64>> {
+        vec![vec![k as f64, 0.5], vec![1.0 / 3.0, -2.0]]
+    }
+
+    fn costs(k: usize) -> Vec<f64> {
+        vec![0.1 + 0.2 * k as f64, f64::INFINITY]
+    }
+
+    fn leave(root: &Path, generation: u32, n: usize) -> PathBuf {
+        let mut journal = checkpoints(root, generation).journal(NAME, "a").unwrap();
+        (0..n).for_each(|k| journal.record(&points(k), &costs(k)).unwrap());
+        root.join(format!("abcd-g{generation}/checkpoint/{NAME}"))
+    }
+
+    fn recalled(root: &Path, generation: u32, search: &str) -> usize {
+        let mut journal = checkpoints(root, generation).journal(NAME, search).unwrap();
+        (0..).take_while(|k| journal.recall(&points(*k)) == Some(costs(*k))).count()
     }
 
     #[test]
-    fn a_later_generation_finds_the_newest_state_bit_for_bit() {
+    fn a_later_generation_recalls_the_newest_journal_bit_for_bit() {
         let root = tempfile::tempdir().unwrap();
-        let state = vec![0.1 + 0.2, f64::MIN_POSITIVE, -1.0 / 3.0];
-        checkpoints(root.path(), "abcdef", 1).save("de", &vec![1.0]).unwrap();
-        checkpoints(root.path(), "abcdef", 3).save("de", &state).unwrap();
-        assert_eq!(checkpoints(root.path(), "abcdef", 4).load::<Vec<f64>>("de"), Some((3, state)));
-        assert_eq!(checkpoints(root.path(), "abcdef", 3).load::<Vec<f64>>("de"), Some((1, vec![1.0])));
-        assert_eq!(checkpoints(root.path(), "abcdef", 1).load::<Vec<f64>>("de"), None);
+        leave(root.path(), 1, 2);
+        leave(root.path(), 3, 4);
+        assert_eq!(recalled(root.path(), 5, "a"), 4);
+        assert_eq!(recalled(root.path(), 2, "a"), 2);
+        assert_eq!(recalled(root.path(), 1, "a"), 0);
+        assert_eq!(recalled(root.path(), 5, "b"), 0, "another search");
     }
 
     #[test]
-    fn a_damaged_state_or_one_of_another_task_is_left_aside_for_an_older_one() {
+    fn what_follows_damage_is_left_aside() {
         let root = tempfile::tempdir().unwrap();
-        checkpoints(root.path(), "abcdef", 1).save("de", &vec![1.0]).unwrap();
-        checkpoints(root.path(), "abcdef", 2).save("de", &vec![2.0]).unwrap();
-        let path = root.path().join("abcd-g2/checkpoint/de");
-        let text = fs::read_to_string(&path).unwrap();
-        fs::write(&path, &text[..text.len() - 1]).unwrap();
-        assert_eq!(checkpoints(root.path(), "abcdef", 3).load::<Vec<f64>>("de"), Some((1, vec![1.0])));
-        assert_eq!(checkpoints(root.path(), "abcdXX", 3).load::<Vec<f64>>("de"), None);
+        let path = leave(root.path(), 1, 4);
+        let sound = fs::read(&path).unwrap();
+        fs::write(&path, &sound[..sound.len() - 3]).unwrap();
+        assert_eq!(recalled(root.path(), 2, "a"), 3, "torn");
+        let mut flipped = sound.clone();
+        let second = sound.len() - 2 * 5 * 8 - 9;
+        flipped[second] ^= 1;
+        fs::write(&path, &flipped).unwrap();
+        assert_eq!(recalled(root.path(), 3, "a"), 1, "a bit of the second record flipped");
+        fs::write(&path, [sound.as_slice(), &u64::MAX.to_le_bytes()].concat()).unwrap();
+        assert_eq!(recalled(root.path(), 4, "a"), 4, "a length that cannot be");
+    }
+
+    #[test]
+    fn other_points_end_the_recalling() {
+        let root = tempfile::tempdir().unwrap();
+        leave(root.path(), 1, 3);
+        let mut journal = checkpoints(root.path(), 2).journal(NAME, "a").unwrap();
+        assert!(journal.from().is_some());
+        assert_eq!(journal.recall(&points(0)), Some(costs(0)));
+        assert_eq!(journal.recall(&points(7)), None);
+        assert_eq!(journal.recall(&points(2)), None);
     }
 }

@@ -6,8 +6,6 @@ use cardiotwin_schemas::hash::sha256_hex;
 use cardiotwin_schemas::outcome::Artefact;
 use cardiotwin_schemas::settings::InstructionSet;
 
-use serde::Serialize;
-
 use crate::checkpoint::Checkpoints;
 use crate::error::TaskError;
 use crate::files;
@@ -46,14 +44,6 @@ impl Context {
             stop: StopFlag::default(),
             fence: None,
         }
-    }
-
-    /// Keeps work in hand for a later attempt.
-    ///
-    /// # Errors
-    /// [`TaskError::Checkpoint`] when the file system refuses.
-    pub fn keep<T: Serialize>(&self, name: &str, state: &T) -> Result<(), TaskError> {
-        self.checkpoints.save(name, state).map_err(TaskError::Checkpoint)
     }
 
     /// Looks whether the work should be left: to be called between steps of at most a few seconds.

@@ -4,8 +4,10 @@ use std::io;
 use std::path::PathBuf;
 
 use cardiotwin_calibrate::differential_evolution::DifferentialEvolutionError;
+use cardiotwin_calibrate::identifiability::IdentifiabilityError;
+use cardiotwin_calibrate::population::PopulationError;
 use cardiotwin_calibrate::sobol::SobolError;
-use cardiotwin_cell_engine::EngineError;
+use cardiotwin_cell_engine::{EngineError, InputProblem};
 use cardiotwin_schemas::biomarkers::STEP1_BIOMARKERS;
 use cardiotwin_schemas::failure::{Failure, FailureClass};
 use cardiotwin_schemas::organ::CELL_PARAMETERS;
@@ -123,9 +125,24 @@ pub enum TaskError {
     /// The design of a sweep makes no sense.
     #[error("design of the sweep")]
     Design(#[from] SobolError),
-    /// The cell engine refused its settings.
+    /// The optimiser refused its settings.
+    #[error("step 2's strategy")]
+    Population(#[from] PopulationError),
+    /// The profiles of the fitted parameters could not be made.
+    #[error("identifiability")]
+    Identifiability(#[from] IdentifiabilityError),
+    /// The cell engine refused its settings, or this processor lacks the instructions that were asked for.
     #[error("cell engine")]
     Engine(#[from] EngineError),
+    /// The cell engine refused the calcium samples.
+    #[error("calcium")]
+    CalciumSamples(#[from] InputProblem),
+    /// A cell that was computed before has no periodic beat.
+    #[error("the fitted cell has no periodic beat ({status})")]
+    NoBeat {
+        /// How it ended.
+        status: String,
+    },
     /// No parameters within the bounds gave a cell that could be computed.
     #[error("no cell within the bounds could be computed")]
     NoCell,
@@ -204,14 +221,18 @@ impl TaskError {
             | Self::Target { .. }
             | Self::Optimiser(_)
             | Self::Design(_)
+            | Self::Population(_)
+            | Self::CalciumSamples(_)
             | Self::Engine(_) => FailureClass::Input,
             Self::Organ(_) | Self::Contraction(_) | Self::Circulation(_) | Self::Effect(_) => FailureClass::Input,
             Self::Cell(error) => match error {
                 CellError::Parameter { .. } | CellError::Contraction(_) | CellError::Calcium(_) => FailureClass::Input,
                 _ => FailureClass::Numerics,
             },
-            Self::NoMedian { .. } | Self::SimulatedTrace(_) | Self::NoCell => FailureClass::Numerics,
-            Self::Nodal { .. } => FailureClass::Bug,
+            Self::NoMedian { .. } | Self::SimulatedTrace(_) | Self::NoCell | Self::NoBeat { .. } => {
+                FailureClass::Numerics
+            }
+            Self::Nodal { .. } | Self::Identifiability(_) => FailureClass::Bug,
             Self::Write { .. } | Self::Checkpoint(_) | Self::Threads(_) | Self::Cancelled => FailureClass::Site,
         }
     }
@@ -241,8 +262,11 @@ impl TaskError {
             Self::NoBounds { .. } => Some("give it bounds in [step2.bounds]"),
             Self::UnknownWeight { .. } => Some("correct [step2.weights]"),
             Self::NoCell => Some("move the bounds in [step2.bounds] towards Table A5's"),
-            Self::Optimiser(_) => Some("correct [step2]"),
-            Self::Design(_) | Self::Engine(_) => Some("sweep again with bounds and settings that make sense"),
+            Self::Optimiser(_) | Self::Population(_) => Some("correct [step2]"),
+            Self::Engine(_) => Some("set executor.instruction_set to \"auto\", or correct the sweep's settings"),
+            Self::Design(_) => Some("sweep again with bounds and settings that make sense"),
+            Self::CalciumSamples(_) => Some("correct measured.calcium"),
+            Self::NoBeat { .. } | Self::Identifiability(_) => None,
             Self::Threads(_) => Some("lower executor.threads, or raise the limit of processes"),
             Self::Nodal { .. } | Self::UnknownParameter { .. } | Self::Target { .. } => None,
             Self::Write { .. } | Self::Checkpoint(_) => Some("free space or restore write access, then retry"),

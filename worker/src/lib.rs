@@ -11,6 +11,7 @@ pub mod cell_parameters;
 pub mod checkpoint;
 pub mod clock;
 pub mod context;
+pub mod engine;
 pub mod error;
 pub mod files;
 pub mod inputs;

@@ -7,6 +7,8 @@ use anyhow::Context as _;
 use cardiotwin_schemas::task::TaskSpec;
 use cardiotwin_worker::attempt::AttemptError;
 use cardiotwin_worker::bench;
+use cardiotwin_worker::checkpoint::Checkpoints;
+use cardiotwin_worker::context::Context;
 use cardiotwin_worker::provenance::VERSION_TEXT;
 use cardiotwin_worker::run::{run_attempt, simulate};
 use cardiotwin_worker::stop::StopFlag;
@@ -47,6 +49,16 @@ enum Command {
         /// Threads that may be used
         #[arg(long, default_value_t = 1)]
         threads: u32,
+        /// Instructions of the cell engine
+        #[arg(long, default_value = "auto")]
+        instruction_set: String,
+        /// Go on from what this attempt's directory holds of the same search (step 2); settings that only say when a
+        /// search ends may differ
+        #[arg(long, value_name = "DIR")]
+        restart: Option<PathBuf>,
+        /// With --restart: go on from this generation, not from the last
+        #[arg(long, requires = "restart")]
+        generation: Option<u64>,
     },
     /// Measure a kernel: medians after a warm-up
     Bench {
@@ -55,6 +67,9 @@ enum Command {
         /// Print JSON
         #[arg(long)]
         json: bool,
+        /// Seeds of each row of `strategies`
+        #[arg(long, default_value_t = 10)]
+        seeds: u64,
     },
 }
 
@@ -64,8 +79,10 @@ enum Kernel {
     Beat,
     /// The periodic beat of the base model at 2 ms steps, as a fit to traces asks for it
     Periodic,
-    /// One evaluation of the 0D cell
+    /// One evaluation of the 0D cell, in batches and one by one
     Cell,
+    /// Step 2's strategies on the same targets: minutes
+    Strategies,
 }
 
 fn main() -> ExitCode {
@@ -90,26 +107,46 @@ fn execute(command: Command) -> anyhow::Result<ExitCode> {
             log(if quiet { Level::WARN } else { Level::INFO });
             run_attempt(&directory, &stop, !quiet)?;
         }
-        Command::Simulate { spec, out, threads } => {
+        Command::Simulate { spec, out, threads, instruction_set, restart, generation } => {
             log(Level::INFO);
             let text = std::fs::read_to_string(&spec).with_context(|| format!("cannot read {}", spec.display()))?;
             let task: TaskSpec = serde_json::from_str(&text)
                 .with_context(|| format!("{}: not the specification of a task", spec.display()))?;
             std::fs::create_dir_all(&out).with_context(|| format!("cannot make {}", out.display()))?;
-            let outcome = simulate(&task, &out, threads, &stop);
+            let instruction_set = serde_json::from_value(instruction_set.clone().into()).with_context(|| {
+                format!("--instruction-set {instruction_set}: expected auto, portable, avx2 or avx512")
+            })?;
+            let checkpoints = match restart {
+                Some(other) => {
+                    anyhow::ensure!(other.is_dir(), "--restart {}: no such directory", other.display());
+                    Checkpoints::restarting(&out, &other, generation)
+                }
+                None => Checkpoints::none(),
+            };
+            let context = Context { instruction_set, checkpoints, stop: stop.clone(), ..Context::plain(&out, threads) };
+            let outcome = simulate(&task, context);
             println!("{}", serde_json::to_string_pretty(&outcome)?);
         }
-        Command::Bench { kernel, json } => {
+        Command::Bench { kernel, json, seeds } => {
             let timing = match kernel {
                 Kernel::Beat => serde_json::to_value(bench::beat()?)?,
                 Kernel::Periodic => serde_json::to_value(bench::periodic()?)?,
                 Kernel::Cell => serde_json::to_value(bench::cell()?)?,
+                Kernel::Strategies => {
+                    let comparison =
+                        bench::strategies(seeds, |row| eprintln!("{}: {:?} done", row.case, row.strategy))?;
+                    if !json {
+                        print!("{}", comparison.table());
+                        return Ok(ExitCode::SUCCESS);
+                    }
+                    serde_json::to_value(comparison)?
+                }
             };
             if json {
                 println!("{timing}");
             } else {
                 let entries = timing.as_object().into_iter().flatten();
-                entries.for_each(|(name, value)| println!("{name:<24}{value}"));
+                entries.for_each(|(name, value)| println!("{name:<40}{value}"));
             }
         }
     }

@@ -5,8 +5,10 @@ use std::time::Instant;
 
 use cardiotwin_schemas::organ::ContractionSpec;
 use cardiotwin_schemas::provenance::Provenance;
+use cardiotwin_schemas::settings::InstructionSet;
 use cardiotwin_schemas::task::{InputFile, TaskSpec};
 
+use crate::engine::path_in_use;
 use crate::{clock, process};
 
 /// Version of the worker.
@@ -37,7 +39,7 @@ impl Beginning {
 
     /// What is known at the end of `task`.
     #[must_use]
-    pub fn provenance(&self, task: &TaskSpec, threads: u32) -> Provenance {
+    pub fn provenance(&self, task: &TaskSpec, threads: u32, instruction_set: InstructionSet) -> Provenance {
         Provenance {
             version: VERSION.to_owned(),
             commit: commit().map(ToOwned::to_owned),
@@ -50,7 +52,10 @@ impl Beginning {
             threads,
             ranks: 1,
             host: process::host(),
-            arithmetic: arithmetic(),
+            arithmetic: match task {
+                TaskSpec::CellFit(_) => format!("{}, {}", arithmetic(), path_in_use(instruction_set)),
+                _ => arithmetic(),
+            },
             started: self.started.clone(),
             wall_s: self.instant.elapsed().as_secs_f64(),
             cpu_s: process::cpu_s(),

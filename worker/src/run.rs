@@ -42,11 +42,10 @@ pub fn run_attempt(directory: &Path, stop: &StopFlag, echo: bool) -> Result<Endi
     Ok(outcome.ending)
 }
 
-/// Does one task without claim, fence or checkpoint; artefacts go to `directory`.
+/// Does one task without claim or fence.
 #[must_use]
-pub fn simulate(task: &TaskSpec, directory: &Path, threads: u32, stop: &StopFlag) -> TaskOutcome {
+pub fn simulate(task: &TaskSpec, mut context: Context) -> TaskOutcome {
     let beginning = Beginning::now();
-    let mut context = Context { stop: stop.clone(), ..Context::plain(directory, threads) };
     let ending = guarded(task.kind(), || run_task(task, &mut context));
     outcome(AttemptId { task: task.key(), generation: 0 }, ending, task, &mut context, &beginning)
 }
@@ -58,7 +57,7 @@ fn outcome(
     context: &mut Context,
     beginning: &Beginning,
 ) -> TaskOutcome {
-    let provenance = beginning.provenance(task, context.threads);
+    let provenance = beginning.provenance(task, context.threads, context.instruction_set);
     TaskOutcome { schema_version: SCHEMA_VERSION, attempt, ending, artefacts: context.artefacts.take(), provenance }
 }
 

@@ -104,9 +104,10 @@ fn a_damaged_checkpoint_costs_time_but_no_digits() {
     let stop = StopFlag::default();
     stop.raise();
     assert_eq!(run_attempt(&first, &stop, false).unwrap(), Ending::Cancelled);
-    let file = first.join("checkpoint/differential-evolution.json");
-    let text = fs::read_to_string(&file).unwrap();
-    fs::write(&file, text.replace("0.5", "0.6")).unwrap();
+    let file = first.join("checkpoint/told-costs");
+    let mut bytes = fs::read(&file).unwrap();
+    *bytes.last_mut().unwrap() ^= 1;
+    fs::write(&file, bytes).unwrap();
     let second = attempt_directory(root.path(), &task, 2, 1);
     let mut context = Context {
         artefacts: Artefacts::in_directory(&second),
@@ -119,16 +120,27 @@ fn a_damaged_checkpoint_costs_time_but_no_digits() {
 
 #[test]
 fn a_killed_fit_is_continued_by_the_next_generation() {
-    let task = fit(CellFitSettings { popsize: 15, max_generations: 30, polish: false, ..CellFitSettings::default() });
+    // The one that is killed never ends by itself, so that it cannot end too early; until it is killed it does what the
+    // one that ends after 30 generations does.
+    let endless = CellFitSettings {
+        max_generations: 1_000_000,
+        tol: 0.0,
+        polish: false,
+        identifiability: false,
+        ..CellFitSettings::default()
+    };
+    let task = fit(CellFitSettings { max_generations: 30, ..endless.clone() });
     let root = tempfile::tempdir().unwrap();
-    let first = attempt_directory(root.path(), &task, 1, 1);
-    let mut child = spawn(&first);
-    let checkpoint = first.join("checkpoint/differential-evolution.json");
-    wait_for(|| checkpoint.exists(), &mut child);
+    let killed = attempt_directory(root.path(), &fit(endless), 1, 1);
+    let mut child = spawn(&killed);
+    let checkpoint = killed.join("checkpoint/told-costs");
+    wait_for(|| fs::metadata(&checkpoint).is_ok_and(|file| file.len() > 5_000), &mut child);
     child.kill().unwrap();
     child.wait().unwrap();
-    assert!(!first.join("outcome.json").exists(), "the fit ended before it could be killed");
+    assert!(!killed.join("outcome.json").exists());
 
+    let first = attempt_directory(root.path(), &task, 1, 1);
+    fs::rename(killed.join("checkpoint"), first.join("checkpoint")).unwrap();
     let second = attempt_directory(root.path(), &task, 2, 2);
     let output = spawn(&second).wait_with_output().unwrap();
     assert_eq!(output.status.code(), Some(0));
@@ -138,6 +150,38 @@ fn a_killed_fit_is_continued_by_the_next_generation() {
     assert_eq!(outcome.provenance.seed, Some(1));
     assert_eq!(outcome.artefacts.len(), 2);
     assert_eq!(result(outcome.ending), uninterrupted(&task, 1).0);
+}
+
+#[test]
+fn a_search_is_taken_up_again_at_any_of_its_generations() {
+    let settings = |max_generations| CellFitSettings { popsize: 2, max_generations, ..CellFitSettings::default() };
+    let (short, long) = (fit(settings(4)), fit(settings(8)));
+    let root = tempfile::tempdir().unwrap();
+    let left = |name: &str| root.path().join(name).join("checkpoint/told-costs");
+    let run = |task: &TaskSpec, name: &str, from: Option<(&str, Option<u64>)>| {
+        let directory = root.path().join(name);
+        fs::create_dir_all(&directory).unwrap();
+        let other = root.path().join(from.map_or("none", |from| from.0));
+        let checkpoints = Checkpoints::restarting(&directory, &other, from.and_then(|from| from.1));
+        result(run_task(task, &mut Context { checkpoints, ..Context::plain(&directory, 1) }))
+    };
+    let expected = run(&long, "long", None);
+    for generation in 0..=8 {
+        let name = format!("from-{generation}");
+        assert_eq!(run(&long, &name, Some(("long", Some(generation)))), expected, "generation {generation}");
+        assert_eq!(fs::read(left(&name)).unwrap(), fs::read(left("long")).unwrap());
+    }
+    // Another limit: the same search, which goes on where the shorter one ended.
+    run(&short, "short", None);
+    assert_eq!(run(&long, "longer", Some(("short", None))), expected);
+    // Other targets: another search, which begins anew.
+    let mut spec = match &long {
+        TaskSpec::CellFit(spec) => spec.clone(),
+        other => panic!("{other:?}"),
+    };
+    spec.targets.sa_max_kpa *= 1.1;
+    let other = TaskSpec::CellFit(spec);
+    assert_eq!(run(&other, "other", Some(("long", None))), uninterrupted(&other, 1).0);
 }
 
 fn spawn(directory: &Path) -> Child {

@@ -143,6 +143,11 @@ pub fn table_a7(run: &RunRecord) -> Table {
     }
     let fitted = columns.clone();
     columns.extend(names(&["lambda_min", "lambda_min_reached", "on_bounds"]));
+    // What the data determine of each, where that was looked at.
+    let profiled: Vec<String> = fitted.iter().filter(|name| is_profiled(run, name)).cloned().collect();
+    for name in &profiled {
+        columns.extend(["lower", "upper", "mark"].map(|end| format!("{name}_near_optimal_{end}")));
+    }
     Table {
         name: "table_A7",
         caption: "Personalised Land and Rice models; lambda_min is that of step 1's median trace, the target",
@@ -159,7 +164,18 @@ pub fn table_a7(run: &RunRecord) -> Table {
             values.push(number(view.0.targets.as_ref().map(|t| t.result.targets.lambda_min)));
             values.push(number(fit.map(|f| f.reached.lambda_min)));
             values.push(on_bounds.map_or(Value::Null, Value::String));
+            for name in &profiled {
+                let near = fit.and_then(|f| f.parameters.iter().find(|p| p.name == *name)?.near_optimal);
+                values.push(number(near.map(|near| near.lower)));
+                values.push(number(near.map(|near| near.upper)));
+                values.push(near.map_or(Value::Null, |near| Value::String(near.mark.as_str().to_owned())));
+            }
             values
         }),
     }
+}
+
+fn is_profiled(run: &RunRecord, name: &str) -> bool {
+    let mut parameters = run.patients.iter().filter_map(|p| p.cell_fit.as_ref()).flat_map(|f| &f.result.parameters);
+    parameters.any(|p| p.name == name && p.near_optimal.is_some())
 }

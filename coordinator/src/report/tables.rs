@@ -76,14 +76,17 @@ fn digits(biomarker: Biomarker, value: Option<f64>) -> String {
     fixed(value, if rate { 3 } else { 1 })
 }
 
-/// Where a value lies between its bounds: a bar, and words where it sits on one.
-fn bounds(value: f64, lower: f64, upper: f64, at_bound: bool, log: bool) -> Markup {
-    let share = if log && lower > 0.0 {
-        (value / lower).ln() / (upper / lower).ln()
-    } else {
-        (value - lower) / (upper - lower)
+/// Where a value and its near-optimal interval lie between its bounds: a bar, and words where it sits on one.
+fn bounds(value: f64, lower: f64, upper: f64, at_bound: bool, log: bool, interval: Option<[f64; 2]>) -> Markup {
+    let within = |value: f64| {
+        let share = if log && lower > 0.0 {
+            (value / lower).ln() / (upper / lower).ln()
+        } else {
+            (value - lower) / (upper - lower)
+        };
+        share.clamp(0.0, 1.0)
     };
-    let share = share.clamp(0.0, 1.0);
+    let share = within(value);
     let word = if !at_bound {
         ""
     } else if share < 0.5 {
@@ -96,6 +99,9 @@ fn bounds(value: f64, lower: f64, upper: f64, at_bound: bool, log: bool) -> Mark
         td.bar {
             svg viewBox="0 0 100 10" role="img" aria-label={ (fixed(Some(100.0 * share), 0)) " % of the way between the bounds" } {
                 path.axis d="M4 5H96M4 2V8M96 2V8" {}
+                @if let Some([from, to]) = interval {
+                    path class="interval" d=(format!("M{:.1} 5H{:.1}", 4.0 + 92.0 * within(from), 4.0 + 92.0 * within(to))) {}
+                }
                 circle class=(if at_bound { "mark bound" } else { "mark inner" }) cx=(format!("{:.1}", 4.0 + 92.0 * share)) cy="5" r="3.4" {}
             }
         }
@@ -131,7 +137,7 @@ pub fn step1_parameters(patient: &PatientRecord) -> Option<Markup> {
                         td.num { (first.map_or_else(String::new, |f| significant(f[k], 4))) }
                         td.num { b { (significant(value, 4)) } }
                         @match settings.bounds.get(key) {
-                            Some(range) => (bounds(value, range[0], range[1], on_bound(value, *range), true)),
+                            Some(range) => (bounds(value, range[0], range[1], on_bound(value, *range), true, None)),
                             None => { td {} td {} td {} td {} }
                         }
                     }
@@ -149,7 +155,11 @@ pub fn cell_parameters(fit: &CellFitResult) -> Markup {
             tr {
                 th scope="row" { (symbol(&p.name)) } (unit(&p.name))
                 td.num { b { (significant(p.value, 4)) } }
-                (bounds(p.value, p.lower, p.upper, p.at_bound, false))
+                (bounds(p.value, p.lower, p.upper, p.at_bound, false, p.near_optimal.map(|near| [near.lower, near.upper])))
+                @if fit.identifiability.is_some() {
+                    td.num { @if let Some(near) = p.near_optimal { (significant(near.lower, 3)) " to " (significant(near.upper, 3)) } }
+                    td.flag { @if let Some(near) = p.near_optimal { (near.mark.as_str()) } }
+                }
             }
         }
     };
@@ -159,10 +169,18 @@ pub fn cell_parameters(fit: &CellFitResult) -> Markup {
             caption {
                 "Step 2: Land and Rice models"
                 @if on_bounds > 0 { span.quiet { ", " (on_bounds) " of " (fit.parameters.len()) " on a bound" } }
+                @if let Some(found) = &fit.identifiability {
+                    span.quiet {
+                        "; near-optimal (thick line): with these values and all other parameters fitted anew, a cost of at most "
+                        (significant(found.threshold, 3)) " is reached"
+                        @if !found.complete { "; some intervals may be wider" }
+                    }
+                }
             }
             thead { tr {
                 th scope="col" { "" } th.unit scope="col" { "unit" } th scope="col" { "fitted" }
                 th scope="col" { "lower" } th scope="col" { "between" } th scope="col" { "upper" } th scope="col" { "" }
+                @if fit.identifiability.is_some() { th scope="col" { "near-optimal" } th scope="col" { "" } }
             } }
             tbody { @for p in &fit.parameters { (row(p)) } }
         }

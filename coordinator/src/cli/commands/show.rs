@@ -1,6 +1,7 @@
 //! `cardiotwin show`: all about one patient.
 
 use cardiotwin_schemas::ids::PatientId;
+use cardiotwin_schemas::outcome::{Determination, FittedParameter};
 use cardiotwin_schemas::record::{IterationRecord, PatientRecord};
 use cardiotwin_schemas::settings::STEP1_PARAMETERS;
 use clap::Args;
@@ -132,16 +133,40 @@ fn note(iteration: &IterationRecord, best: bool) -> (String, Option<Tone>) {
 
 fn cell(record: &PatientRecord, talk: &Talk) -> String {
     let Some(fit) = &record.cell_fit else { return String::new() };
-    let mut table = Columns::new(talk, &["CELL PARAMETER", ">VALUE", ">LOWER", ">UPPER", "NOTE"]);
+    let columns = ["CELL PARAMETER", ">VALUE", ">LOWER", ">UPPER", "NEAR-OPTIMAL", "NOTE"];
+    let mut table = Columns::new(talk, &columns);
     for parameter in &fit.result.parameters {
-        let note =
-            if parameter.at_bound { ("at a bound".to_owned(), Some(Tone::Doubtful)) } else { (String::new(), None) };
         let mut row: Vec<(String, Option<Tone>)> = vec![(parameter.name.clone(), None)];
         row.extend([parameter.value, parameter.lower, parameter.upper].map(|value| (number(value), None)));
-        row.push(note);
+        let near = parameter.near_optimal;
+        row.push((near.map_or_else(String::new, |n| format!("{} to {}", number(n.lower), number(n.upper))), None));
+        row.push(determination(parameter));
         table.toned(row);
     }
-    table.text()
+    let mut text = table.text();
+    if let Some(found) = &fit.result.identifiability {
+        text.push_str(&format!(
+            "near-optimal: cost up to {}, all other parameters fitted anew",
+            number(found.threshold)
+        ));
+        text.push_str(if found.complete { "\n" } else { "; some intervals may be wider\n" });
+    }
+    text
+}
+
+/// What the data determine of a parameter, and whether it sits on a bound.
+fn determination(parameter: &FittedParameter) -> (String, Option<Tone>) {
+    let mark = parameter.near_optimal.map(|near| near.mark);
+    match (mark, parameter.at_bound) {
+        (Some(Determination::Determined), false) => (Determination::Determined.as_str().to_owned(), Some(Tone::Good)),
+        (Some(mark @ (Determination::Sloppy | Determination::NotDetermined)), true) => {
+            (format!("{}, at a bound", mark.as_str()), Some(Tone::Doubtful))
+        }
+        (Some(Determination::Sloppy), false) => ("sloppy".to_owned(), Some(Tone::Doubtful)),
+        (Some(Determination::NotDetermined), false) => ("not determined".to_owned(), Some(Tone::Doubtful)),
+        (_, true) => ("at a bound".to_owned(), Some(Tone::Doubtful)),
+        (_, false) => (String::new(), None),
+    }
 }
 
 fn estimates(record: &PatientRecord, talk: &Talk) -> String {

@@ -243,24 +243,35 @@ impl Profile {
         self.walks.chunks_exact(2).map(|sides| self.profiled(&sides[0], &sides[1])).collect()
     }
 
+    /// The profiles as far as they have come: a walk that has not ended stands where its outermost near-optimal set is.
+    #[must_use]
+    pub fn so_far(&self) -> Vec<ProfiledParameter> {
+        let end = |walk: &Walk| walk.end.unwrap_or(walk.inside);
+        let between = |sides: &[Walk]| self.between(sides[0].parameter, end(&sides[0]), end(&sides[1]));
+        self.walks.chunks_exact(2).map(between).collect()
+    }
+
     fn profiled(&self, lower: &Walk, upper: &Walk) -> Option<ProfiledParameter> {
-        let (parameter, interval) = (lower.parameter, self.bounds[lower.parameter]);
-        let end = |walk: &Walk, unit: f64| match walk.outside {
-            Some(_) => ProfileEnd::Value(interval.from_unit(unit)),
-            None => ProfileEnd::Bound,
+        Some(self.between(lower.parameter, lower.end?, upper.end?))
+    }
+
+    fn between(&self, parameter: usize, low: f64, high: f64) -> ProfiledParameter {
+        let interval = self.bounds[parameter];
+        let end = |unit: f64, limit: f64| match unit {
+            _ if unit == limit => ProfileEnd::Bound,
+            _ => ProfileEnd::Value(interval.from_unit(unit)),
         };
-        let (low, high) = (lower.end?, upper.end?);
         let best = interval.from_unit(self.best[parameter]);
         let near_optimal = Interval::new(interval.from_unit(low), interval.from_unit(high));
-        Some(ProfiledParameter {
+        ProfiledParameter {
             parameter,
             best,
-            lower: end(lower, low),
-            upper: end(upper, high),
+            lower: end(low, 0.0),
+            upper: end(high, 1.0),
             share: high - low,
             bound: bound_of(best, interval),
             mark: mark(best, near_optimal, interval, &self.settings),
-        })
+        }
     }
 }
 

@@ -1,15 +1,18 @@
-//! The cost of a parameter vector: one periodic beat of the 0D cell against the targets.
+//! The cost of parameter vectors: periodic beats of the 0D cell, many at once, against the targets.
 
 use std::collections::BTreeMap;
 
 use cardiotwin_calibrate::Interval;
-use cardiotwin_models::cell0d::{
-    ActiveStressBiomarkers, CellBeat, CellCost, CellError, CellPenalty, CellSolverSettings, CellTargets, CellWeights,
+use cardiotwin_cell_engine::{
+    self as engine, CellEngine, CellInput, CellOutput, CellStatus, CellTrace, Penalty, SampledCalcium, Workspace,
 };
 use cardiotwin_schemas::biomarkers::CellBiomarkers;
+use cardiotwin_schemas::settings::InstructionSet;
 use cardiotwin_schemas::task::CellFitSpec;
 
+use crate::calcium;
 use crate::cell_parameters::{NamedCell, position};
+use crate::engine::settings_for;
 use crate::error::TaskError;
 
 /// Cost of a cell that cannot be computed: finite, and worse than any that can.
@@ -20,76 +23,51 @@ pub const WORST: f64 = 1e9;
 pub struct Objective {
     base: NamedCell,
     names: Vec<String>,
+    positions: Vec<usize>,
     bounds: Vec<Interval>,
-    targets: CellTargets,
-    weights: CellWeights,
-    solver: CellSolverSettings,
+    targets: CellBiomarkers,
+    objective: engine::Objective,
+    engine: CellEngine,
 }
 
 /// One computed cell.
 #[derive(Debug, Clone)]
 pub struct Evaluation {
     /// Its biomarkers.
-    pub biomarkers: ActiveStressBiomarkers,
-    /// Terms of the misfit.
-    pub cost: CellCost,
-    /// Terms of the penalty.
-    pub penalty: CellPenalty,
-}
-
-impl Evaluation {
+    pub biomarkers: CellBiomarkers,
     /// Misfit and penalty.
-    #[must_use]
-    pub fn total(&self) -> f64 {
-        self.cost.total() + self.penalty.total()
-    }
-
-    /// All terms by name.
-    #[must_use]
-    pub fn terms(&self) -> BTreeMap<String, f64> {
-        let (cost, penalty) = (&self.cost, &self.penalty);
-        [
-            ("Sa_max_kPa", cost.sa_max),
-            ("dSadt_max_kPa_per_ms", cost.dsadt_max),
-            ("STD30_ms", cost.std30),
-            ("STD50_ms", cost.std50),
-            ("STD90_ms", cost.std90),
-            ("lambda_min", cost.lambda_min),
-            ("penalty_resting_stress", penalty.sa_res),
-            ("penalty_negative_stress", penalty.negative_stress),
-            ("penalty_rise_after_maximum", penalty.rise_after_max),
-            ("penalty_CTD50", penalty.ctd50),
-            ("penalty_CTD90", penalty.ctd90),
-        ]
-        .into_iter()
-        .map(|(name, value)| (name.to_owned(), value))
-        .collect()
-    }
+    pub cost: f64,
+    /// All their terms by name.
+    pub terms: BTreeMap<String, f64>,
+    /// Its beat.
+    pub trace: CellTrace,
 }
 
 impl Objective {
     /// The objective of a specification.
     ///
     /// # Errors
-    /// [`TaskError`] for a parameter without a name in the cell or without bounds, or a target that is no number.
-    pub fn new(spec: &CellFitSpec) -> Result<Self, TaskError> {
+    /// [`TaskError`] for a parameter without a name in the cell or without bounds, a target that is no number, a calcium
+    /// file that cannot be used, or instructions that this processor does not have.
+    pub fn new(spec: &CellFitSpec, instruction_set: InstructionSet) -> Result<Self, TaskError> {
         let settings = &spec.settings;
         let base = NamedCell::new(spec.cycle_length_ms, spec.lambda_0).with(&spec.fixed)?.with(&settings.frozen)?;
-        let mut bounds = Vec::new();
-        for name in &settings.fitted() {
-            position(name)?;
+        let names = settings.fitted();
+        let positions = names.iter().map(|name| position(name)).collect::<Result<_, _>>()?;
+        let interval = |name: &String| {
             let [lower, upper] =
                 *settings.bounds.get(name).ok_or_else(|| TaskError::NoBounds { name: name.clone() })?;
-            bounds.push(Interval::new(lower, upper));
+            Ok(Interval::new(lower, upper))
+        };
+        let bounds = names.iter().map(interval).collect::<Result<_, TaskError>>()?;
+        let mut engine = CellEngine::new(settings_for(instruction_set))?;
+        if let Some(file) = &spec.calcium {
+            let samples = calcium::samples(file, spec.cycle_length_ms)?;
+            engine = engine.with_calcium(SampledCalcium::new(calcium::INTERVAL_MS, samples)?);
         }
-        Ok(Self {
-            base,
-            names: settings.fitted(),
-            bounds,
-            targets: targets(&spec.targets)?,
-            weights: weights(&settings.weights)?,
-            solver: CellSolverSettings::default(),
-        })
+        let targets = checked(&spec.targets)?;
+        let objective = engine::Objective { targets, weights: weights(&settings.weights)? };
+        Ok(Self { base, names, positions, bounds, targets: spec.targets, objective, engine })
     }
 
     /// The box of the free parameters, in the order of the settings.
@@ -104,60 +82,107 @@ impl Objective {
         &self.names
     }
 
-    /// The guess that the settings give, if any: parameters that it leaves out are at their default.
-    ///
-    /// # Errors
-    /// [`TaskError::UnknownParameter`] for a name that the cell does not have.
-    pub fn guesses(&self, spec: &CellFitSpec) -> Result<Vec<Vec<f64>>, TaskError> {
-        if spec.settings.initial.is_empty() {
-            return Ok(Vec::new());
-        }
-        let guess = NamedCell::new(spec.cycle_length_ms, spec.lambda_0).with(&spec.settings.initial)?;
-        Ok(vec![self.names.iter().map(|name| guess.value(name)).collect::<Result<_, _>>()?])
+    /// What is aimed at.
+    #[must_use]
+    pub fn targets(&self) -> &CellBiomarkers {
+        &self.targets
     }
 
     /// Value of a parameter that is not free.
+    ///
+    /// # Errors
+    /// [`TaskError::UnknownParameter`] for a name that the cell does not have.
     pub fn fixed_value(&self, name: &str) -> Result<f64, TaskError> {
         self.base.value(name)
     }
 
-    /// The cost alone; [`WORST`] where the cell cannot be computed.
-    #[must_use]
-    pub fn cost(&self, values: &[f64], beat: &mut CellBeat) -> f64 {
-        match self.evaluate(values, beat) {
-            Ok(evaluation) => Some(evaluation.total()).filter(|cost| cost.is_finite()).unwrap_or(WORST).min(WORST),
-            Err(_) => WORST,
-        }
-    }
-
-    /// Computes the cell of a parameter vector; `beat` holds its traces afterwards.
+    /// The guess that the settings give, if any: parameters that it leaves out are at their default.
     ///
     /// # Errors
-    /// [`CellError`] when the cell refuses the parameters or finds no periodic beat.
-    pub fn evaluate(&self, values: &[f64], beat: &mut CellBeat) -> Result<Evaluation, CellError> {
-        let values: BTreeMap<String, f64> = self.names.iter().cloned().zip(values.iter().copied()).collect();
-        let cell = self.base.clone().with(&values).unwrap_or_else(|_| self.base.clone()).parameters().build()?;
-        cell.solve_periodic_into(&self.solver, beat)?;
-        let biomarkers = beat.biomarkers().ok_or(CellError::NotPeriodic { beats: 0, change: f64::NAN })?;
-        let penalty = CellPenalty::new(&beat.time_ms, &beat.sa_kpa, &cell.calcium_biomarkers()?);
-        Ok(Evaluation { biomarkers, cost: CellCost::new(&self.targets, &biomarkers, &self.weights), penalty })
+    /// [`TaskError::UnknownParameter`] for a name that the cell does not have.
+    pub fn guesses(&self, initial: &BTreeMap<String, f64>) -> Result<Vec<Vec<f64>>, TaskError> {
+        if initial.is_empty() {
+            return Ok(Vec::new());
+        }
+        let guess = self.base.clone().with(initial)?;
+        Ok(vec![self.names.iter().map(|name| guess.value(name)).collect::<Result<_, _>>()?])
+    }
+
+    /// The engine that computes the cells.
+    #[must_use]
+    pub fn engine(&self) -> &CellEngine {
+        &self.engine
+    }
+
+    /// The cell of a vector of free parameters.
+    #[must_use]
+    pub fn input(&self, values: &[f64]) -> CellInput {
+        let mut input = self.base.input();
+        self.positions.iter().zip(values).for_each(|(position, value)| input.parameters[*position] = *value);
+        input
+    }
+
+    /// The cost of a computed cell; [`WORST`] where it has no periodic beat.
+    #[must_use]
+    pub fn cost(&self, output: &CellOutput) -> f64 {
+        if output.status != CellStatus::Periodic {
+            return WORST;
+        }
+        let cost = self.objective.cost(&output.biomarkers, &output.penalty);
+        if cost.is_finite() { cost.min(WORST) } else { WORST }
+    }
+
+    /// Computes one cell with its beat.
+    ///
+    /// # Errors
+    /// [`TaskError::NoBeat`] when it has no periodic beat.
+    pub fn evaluate(&self, values: &[f64]) -> Result<Evaluation, TaskError> {
+        let mut outputs = [CellOutput::default()];
+        let mut traces = [CellTrace::default()];
+        self.engine.evaluate_with_traces(&[self.input(values)], &mut Workspace::new(), &mut outputs, &mut traces)?;
+        let [output] = outputs;
+        let [trace] = traces;
+        if output.status != CellStatus::Periodic {
+            return Err(TaskError::NoBeat { status: format!("{:?}", output.status) });
+        }
+        let biomarkers = to_schema(&output.biomarkers);
+        Ok(Evaluation { biomarkers, cost: self.cost(&output), terms: self.terms(&biomarkers, &output.penalty), trace })
+    }
+
+    fn terms(&self, biomarkers: &CellBiomarkers, penalty: &Penalty) -> BTreeMap<String, f64> {
+        let rows = by_name(&self.targets).into_iter().zip(by_name(biomarkers)).zip(self.objective.weights);
+        let misfit =
+            rows.map(|(((name, target), (_, value)), weight)| (name, weight * ((target - value) / target).powi(2)));
+        let penalty = [
+            ("penalty_resting_stress", penalty.sa_res),
+            ("penalty_negative_stress", penalty.negative_stress),
+            ("penalty_rise_after_maximum", penalty.rise_after_peak),
+            ("penalty_CTD50", penalty.ctd50_low + penalty.ctd50_high),
+            ("penalty_CTD90", penalty.ctd90_low + penalty.ctd90_high),
+        ];
+        misfit.chain(penalty).map(|(name, value)| (name.to_owned(), value)).collect()
     }
 }
 
-fn targets(targets: &CellBiomarkers) -> Result<CellTargets, TaskError> {
+fn to_schema(biomarkers: &engine::CellBiomarkers) -> CellBiomarkers {
+    CellBiomarkers {
+        sa_max_kpa: biomarkers.sa_max_kpa,
+        dsadt_max_kpa_per_ms: biomarkers.dsa_dt_max_kpa_per_ms,
+        std30_ms: biomarkers.std30.ms,
+        std50_ms: biomarkers.std50.ms,
+        std90_ms: biomarkers.std90.ms,
+        lambda_min: biomarkers.lambda_min,
+    }
+}
+
+/// The targets in the engine's order, which is that of [`by_name`].
+fn checked(targets: &CellBiomarkers) -> Result<[f64; 6], TaskError> {
     for (name, value) in by_name(targets) {
         if !(value > 0.0 && value.is_finite()) {
             return Err(TaskError::Target { name, value });
         }
     }
-    Ok(CellTargets {
-        sa_max_kpa: targets.sa_max_kpa,
-        dsadt_max_kpa_per_ms: targets.dsadt_max_kpa_per_ms,
-        std30_ms: targets.std30_ms,
-        std50_ms: targets.std50_ms,
-        std90_ms: targets.std90_ms,
-        lambda_min: targets.lambda_min,
-    })
+    Ok(by_name(targets).map(|(_, value)| value))
 }
 
 /// Biomarkers with their names in files.
@@ -173,20 +198,13 @@ pub fn by_name(biomarkers: &CellBiomarkers) -> [(&'static str, f64); 6] {
     ]
 }
 
-/// Weights by name: the paper's where a name is absent.
-fn weights(given: &BTreeMap<String, f64>) -> Result<CellWeights, TaskError> {
-    let mut weights = CellWeights::default();
+/// Weights in the order of [`by_name`]: the paper's where a name is absent.
+fn weights(given: &BTreeMap<String, f64>) -> Result<[f64; 6], TaskError> {
+    let names = by_name(&CellBiomarkers::default()).map(|(name, _)| name);
+    let mut weights = engine::Objective::new([1.0; 6]).weights;
     for (name, value) in given {
-        let weight = match name.as_str() {
-            "Sa_max_kPa" => &mut weights.sa_max,
-            "dSadt_max_kPa_per_ms" => &mut weights.dsadt_max,
-            "STD30_ms" => &mut weights.std30,
-            "STD50_ms" => &mut weights.std50,
-            "STD90_ms" => &mut weights.std90,
-            "lambda_min" => &mut weights.lambda_min,
-            _ => return Err(TaskError::UnknownWeight { name: name.clone() }),
-        };
-        *weight = *value;
+        let position = names.iter().position(|known| known == name);
+        weights[position.ok_or_else(|| TaskError::UnknownWeight { name: name.clone() })?] = *value;
     }
     Ok(weights)
 }

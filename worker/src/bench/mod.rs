@@ -1,9 +1,14 @@
-//! Medians of the kernels that decide how long a personalisation or a fit to traces takes.
+//! Medians of the kernels that decide how long a personalisation or a fit to traces takes, and the strategies of step 2 side by side.
+
+mod cell;
+mod strategies;
+
+pub use cell::{CellTiming, cell};
+pub use strategies::{Case, Comparison, Row, cases, strategies};
 
 use std::time::{Duration, Instant};
 
 use cardiotwin_models::beat::{BeatOutcome, BeatSettings, run_beats};
-use cardiotwin_models::cell0d::{CellBeat, CellSolverSettings};
 use cardiotwin_models::effects::Assembled;
 use cardiotwin_models::periodic::{FitSubject, Orbit, PeriodicSettings, find};
 use cardiotwin_schemas::organ::{
@@ -14,7 +19,6 @@ use cardiotwin_schemas::task::OrganBeatSpec;
 use cardiotwin_units::{Ml, Ms};
 use serde::Serialize;
 
-use crate::cell_parameters::NamedCell;
 use crate::error::TaskError;
 use crate::tasks::organ_beat;
 
@@ -37,19 +41,6 @@ pub struct BeatTiming {
     /// Activation groups.
     pub groups: u32,
     /// Counted repetitions of the first.
-    pub repetitions: usize,
-}
-
-/// One evaluation of the 0D cell: beats until periodic, 1 ms output, default tolerance.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct CellTiming {
-    /// Median of an evaluation.
-    pub us_per_evaluation: f64,
-    /// The same over the beats of an evaluation.
-    pub us_per_beat: f64,
-    /// Beats until periodic, the recorded one included.
-    pub beats_per_evaluation: usize,
-    /// Counted repetitions.
     pub repetitions: usize,
 }
 
@@ -127,24 +118,6 @@ pub fn periodic() -> Result<PeriodicTiming, TaskError> {
     })
 }
 
-/// Times an evaluation of the default cell.
-///
-/// # Errors
-/// Never for the built-in parameters.
-pub fn cell() -> Result<CellTiming, TaskError> {
-    let cell = NamedCell::new(CYCLE_MS, 1.0).parameters();
-    let mut beat = CellBeat::default();
-    let settings = CellSolverSettings::default();
-    let (seconds, repetitions) = median_seconds(|| Ok(cell.build()?.solve_periodic_into(&settings, &mut beat)?))?;
-    let beats = beat.beats_to_periodic.max(1);
-    Ok(CellTiming {
-        us_per_evaluation: 1e6 * seconds,
-        us_per_beat: 1e6 * seconds / beats as f64,
-        beats_per_evaluation: beats,
-        repetitions,
-    })
-}
-
 /// Median seconds of a call and the number of calls that were counted.
 fn median_seconds(mut work: impl FnMut() -> Result<(), TaskError>) -> Result<(f64, usize), TaskError> {
     let begin = Instant::now();
@@ -197,4 +170,12 @@ fn average_ventricle() -> OrganBeatSpec {
         beats: BeatCount::Fixed { n: 1 },
         measured_end_diastolic_volume_ml: None,
     }
+}
+
+/// The processor as it calls itself.
+#[must_use]
+pub fn processor() -> String {
+    let info = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
+    let name = info.lines().find_map(|line| line.strip_prefix("model name")?.split_once(':'));
+    name.map_or_else(|| std::env::consts::ARCH.to_owned(), |(_, name)| name.trim().to_owned())
 }

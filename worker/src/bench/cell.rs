@@ -1,0 +1,85 @@
+//! One evaluation of the 0D cell, periodic state included: on the batched engine, and on the scalar cell beside it.
+
+use std::collections::BTreeMap;
+
+use cardiotwin_calibrate::latin_hypercube;
+use cardiotwin_cell_engine::{CellEngine, CellInput, CellOutput, EngineSettings, SimdPath, Workspace};
+use cardiotwin_models::cell0d::{CellBeat, CellSolverSettings};
+use cardiotwin_schemas::settings::CellFitSettings;
+use serde::Serialize;
+
+use super::{CYCLE_MS, median_seconds, processor};
+use crate::cell_parameters::NamedCell;
+use crate::error::TaskError;
+
+/// Cells of a batch.
+const CELLS: usize = 1024;
+/// Those of them that the scalar cell computes.
+const SCALAR_CELLS: usize = 64;
+
+/// Medians over random cells of step 2's bounds on one core.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct CellTiming {
+    /// Batched on the best instructions: time of the batch over its cells.
+    pub us_per_evaluation: f64,
+    /// The same for each of the processor's instruction sets.
+    pub us_per_evaluation_by_instruction_set: BTreeMap<String, f64>,
+    /// The scalar cell on cells of the same bounds, beats until periodic at its default tolerance.
+    pub us_per_evaluation_scalar: f64,
+    /// Which instructions the first is.
+    pub instruction_set: String,
+    /// Cells of a batch.
+    pub cells: usize,
+    /// Beats at full accuracy of a batched evaluation, mean.
+    pub beats_per_evaluation: f64,
+    /// The processor.
+    pub processor: String,
+}
+
+/// Times evaluations of the cell.
+///
+/// # Errors
+/// Never for the built-in parameters.
+pub fn cell() -> Result<CellTiming, TaskError> {
+    let cells = random_cells()?;
+    let mut outputs = vec![CellOutput::default(); CELLS];
+    let mut by_set = BTreeMap::new();
+    let mut best = 0.0;
+    for path in [SimdPath::Portable, SimdPath::Avx2, SimdPath::Avx512].into_iter().filter(|path| path.is_available()) {
+        let engine = CellEngine::new(EngineSettings { path: Some(path), ..EngineSettings::default() })?;
+        let mut workspace = Workspace::new();
+        let inputs: Vec<CellInput> = cells.iter().map(NamedCell::input).collect();
+        let (seconds, _) = median_seconds(|| Ok(engine.evaluate(&inputs, &mut workspace, &mut outputs)?))?;
+        best = 1e6 * seconds / CELLS as f64;
+        by_set.insert(name(path), best);
+    }
+    let beats: f64 = outputs.iter().map(|output| f64::from(output.beats)).sum();
+    let (scalar, settings) = (&cells[..SCALAR_CELLS], CellSolverSettings::default());
+    let mut beat = CellBeat::default();
+    let (seconds, _) = median_seconds(|| {
+        scalar.iter().try_for_each(|cell| Ok(cell.parameters().build()?.solve_periodic_into(&settings, &mut beat)?))
+    })?;
+    Ok(CellTiming {
+        us_per_evaluation: best,
+        us_per_evaluation_by_instruction_set: by_set,
+        us_per_evaluation_scalar: 1e6 * seconds / SCALAR_CELLS as f64,
+        instruction_set: name(SimdPath::best()),
+        cells: CELLS,
+        beats_per_evaluation: beats / CELLS as f64,
+        processor: processor(),
+    })
+}
+
+fn name(path: SimdPath) -> String {
+    format!("{path:?}").to_lowercase()
+}
+
+fn random_cells() -> Result<Vec<NamedCell>, TaskError> {
+    let bounds = CellFitSettings::default().bounds;
+    let points = latin_hypercube::unit(CELLS, bounds.len(), 1);
+    let cell = |point: Vec<f64>| {
+        let values = bounds.iter().zip(point).map(|((name, [low, high]), u)| (name.clone(), low + (high - low) * u));
+        NamedCell::new(CYCLE_MS, 1.0).with(&values.collect())
+    };
+    points.into_iter().map(cell).collect()
+}

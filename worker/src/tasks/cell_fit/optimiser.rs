@@ -1,0 +1,189 @@
+//! The strategies of step 2 behind one face.
+
+use cardiotwin_calibrate::adaptive_evolution::{self, AdaptiveEvolution};
+use cardiotwin_calibrate::cma_es::{self, CmaEs};
+use cardiotwin_calibrate::differential_evolution::{self, DifferentialEvolution, Ending, Stage, Updating};
+use cardiotwin_calibrate::lbfgsb::{self, DifferenceStep};
+use cardiotwin_calibrate::statistics::mean;
+use cardiotwin_calibrate::{Interval, adaptive_evolution::Stage as AdaptiveStage};
+use cardiotwin_schemas::settings::{self, CellFitSettings, Strategy};
+
+use crate::error::TaskError;
+
+/// Step of the polish's finite differences, as a share of each interval: the integrator's own error makes the cost rough
+/// at smaller ones.
+const DIFFERENCE: f64 = 1e-4;
+/// The polish ends when an iteration gains less: the integrator's error, not the minimum, decides beyond.
+const POLISH_GAIN: f64 = 1e-8;
+/// Most evaluations of the strategies that plan with a budget.
+const BUDGET: usize = 30_000;
+
+/// One of the strategies.
+#[derive(Debug)]
+pub enum Optimiser {
+    /// The paper's.
+    Differential(Box<DifferentialEvolution>),
+    /// L-SHADE.
+    LShade(Box<AdaptiveEvolution>),
+    /// CMA-ES, with the generations told and their last costs' mean.
+    CmaEs(Box<CmaEs>, usize, f64),
+}
+
+/// A point of the search's history.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Standing {
+    /// Generations told.
+    pub generation: usize,
+    /// Best cost.
+    pub best: f64,
+    /// Mean cost of the population; of the last generation where there is none.
+    pub mean: f64,
+    /// Evaluations told.
+    pub evaluations: usize,
+}
+
+impl Optimiser {
+    /// Begins a search.
+    ///
+    /// # Errors
+    /// [`TaskError`] when the box, a setting or a guess makes no sense.
+    pub fn new(
+        settings: &CellFitSettings,
+        seed: u64,
+        bounds: &[Interval],
+        guesses: &[Vec<f64>],
+    ) -> Result<Self, TaskError> {
+        let polish = lbfgsb::Settings {
+            step: DifferenceStep::OfWidth(DIFFERENCE),
+            cost_tolerance: POLISH_GAIN,
+            ..lbfgsb::Settings::default()
+        };
+        let polish = settings.polish.then_some(polish);
+        let popsize = settings.popsize as usize;
+        let budget = BUDGET.min((settings.max_generations as usize).saturating_mul(popsize * bounds.len()));
+        Ok(match settings.strategy {
+            Strategy::DifferentialEvolution => {
+                let settings = differential_evolution::Settings {
+                    popsize,
+                    mutation: settings.mutation,
+                    recombination: settings.recombination,
+                    tol: settings.tol,
+                    atol: settings.atol,
+                    maxiter: settings.max_generations as usize,
+                    updating: match settings.updating {
+                        settings::Updating::Deferred => Updating::Deferred,
+                        settings::Updating::Immediate => Updating::Immediate,
+                    },
+                    polish,
+                    seed,
+                };
+                Self::Differential(Box::new(DifferentialEvolution::new(bounds, guesses, settings)?))
+            }
+            Strategy::LShade => {
+                let (tol, atol) = (settings.tol, settings.atol);
+                let own = adaptive_evolution::Settings::default();
+                let settings =
+                    adaptive_evolution::Settings { popsize, tol, atol, max_evaluations: budget, polish, seed, ..own };
+                Self::LShade(Box::new(AdaptiveEvolution::new(bounds, guesses, settings)?))
+            }
+            Strategy::CmaEs => {
+                let settings = cma_es::Settings { max_evaluations: budget, seed, ..cma_es::Settings::default() };
+                Self::CmaEs(Box::new(CmaEs::new(bounds, guesses, settings)?), 0, f64::INFINITY)
+            }
+        })
+    }
+
+    /// The points to evaluate next; empty at the end.
+    #[must_use]
+    pub fn ask(&self) -> Vec<Vec<f64>> {
+        match self {
+            Self::Differential(optimiser) => optimiser.ask(),
+            Self::LShade(optimiser) => optimiser.ask(),
+            Self::CmaEs(optimiser, ..) => optimiser.ask(),
+        }
+    }
+
+    /// Takes the costs of the points that were asked; where a generation ended with them, how the search stands.
+    ///
+    /// # Errors
+    /// [`TaskError`] when their number is wrong.
+    pub fn tell(&mut self, costs: &[f64]) -> Result<Option<Standing>, TaskError> {
+        let was_first = match self {
+            Self::Differential(optimiser) => optimiser.stage() == Stage::FirstPopulation,
+            Self::LShade(_) | Self::CmaEs(..) => false,
+        };
+        let before = self.n_generations();
+        match self {
+            Self::Differential(optimiser) => optimiser.tell(costs)?,
+            Self::LShade(optimiser) => optimiser.tell(costs)?,
+            Self::CmaEs(optimiser, generations, last_mean) => {
+                optimiser.tell(costs)?;
+                *generations += 1;
+                *last_mean = mean(costs);
+            }
+        }
+        Ok((was_first || self.n_generations() > before).then(|| self.standing()))
+    }
+
+    /// Generations told; after the first population for differential evolution, which SciPy counts so.
+    #[must_use]
+    pub fn n_generations(&self) -> usize {
+        match self {
+            Self::Differential(optimiser) => optimiser.n_generations(),
+            Self::LShade(optimiser) => optimiser.n_generations(),
+            Self::CmaEs(_, generations, _) => *generations,
+        }
+    }
+
+    /// Evaluations told.
+    #[must_use]
+    pub fn n_evaluations(&self) -> usize {
+        match self {
+            Self::Differential(optimiser) => optimiser.n_evaluations(),
+            Self::LShade(optimiser) => optimiser.n_evaluations(),
+            Self::CmaEs(optimiser, ..) => optimiser.n_evaluations(),
+        }
+    }
+
+    /// The best parameters so far, and their cost.
+    #[must_use]
+    pub fn best(&self) -> (Vec<f64>, f64) {
+        match self {
+            Self::Differential(optimiser) => optimiser.best(),
+            Self::LShade(optimiser) => optimiser.best(),
+            Self::CmaEs(optimiser, ..) => optimiser.best(),
+        }
+    }
+
+    /// Whether it ended by its tolerance, not by its budget.
+    #[must_use]
+    pub fn is_converged(&self) -> bool {
+        match self {
+            Self::Differential(optimiser) => optimiser.outcome().is_some_and(|o| o.ending == Ending::Converged),
+            Self::LShade(optimiser) => optimiser.is_converged(),
+            Self::CmaEs(optimiser, ..) => optimiser.ending() == Some(cma_es::Ending::Agreement),
+        }
+    }
+
+    /// What is going on, in words.
+    #[must_use]
+    pub fn phase(&self) -> &'static str {
+        match self {
+            Self::Differential(optimiser) if optimiser.stage() == Stage::Polish => "polish",
+            Self::LShade(optimiser) if optimiser.stage() == AdaptiveStage::Polish => "polish",
+            Self::Differential(_) => "differential evolution",
+            Self::LShade(_) => "l-shade",
+            Self::CmaEs(..) => "cma-es",
+        }
+    }
+
+    fn standing(&self) -> Standing {
+        let mean = match self {
+            Self::Differential(optimiser) => mean(optimiser.members().1),
+            Self::LShade(optimiser) => mean(optimiser.members().1),
+            Self::CmaEs(_, _, mean) => *mean,
+        };
+        let (generation, evaluations) = (self.n_generations(), self.n_evaluations());
+        Standing { generation, best: self.best().1, mean, evaluations }
+    }
+}
