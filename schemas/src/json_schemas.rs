@@ -16,6 +16,7 @@ pub fn all() -> Vec<(&'static str, Schema)> {
         ("status.schema.json", schema_for!(crate::status::Status)),
         ("sweep.schema.json", schema_for!(crate::sweep::SweepFile)),
         ("sensitivity.schema.json", schema_for!(crate::sensitivity::SensitivityRecord)),
+        ("fit-calcium.schema.json", schema_for!(crate::fit::CalciumFitAnswer)),
         ("run.schema.json", schema_for!(crate::record::RunRecord)),
     ]
 }

@@ -6,6 +6,7 @@
 pub mod biomarkers;
 pub mod cohort;
 pub mod failure;
+pub mod fit;
 pub mod hash;
 pub mod ids;
 pub mod organ;

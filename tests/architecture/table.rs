@@ -74,7 +74,7 @@ pub const ROOMS: &[Rule] = &[
     },
     Rule {
         who: "cli",
-        may: &["engine", "report", "export", "results", "input", "schemas", "signals", "units", "clock"],
+        may: &["engine", "report", "export", "results", "input", "schemas", "signals", "units", "calibrate", "clock"],
         why: "words and tables for people; no SQL among the commands",
     },
 ];

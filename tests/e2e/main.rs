@@ -2,6 +2,7 @@
 //! mocked. `make test` builds the binaries first; by hand: `cargo build --release --workspace --bins`.
 
 mod damage;
+mod fits;
 mod output;
 mod requests;
 mod runs;

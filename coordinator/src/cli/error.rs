@@ -29,6 +29,12 @@ pub enum CliError {
         /// How many, in words.
         errors: String,
     },
+    /// Problems of a trace that were printed one by one before.
+    #[error("{errors} in the trace; nothing was fitted")]
+    Trace {
+        /// How many, in words.
+        errors: String,
+    },
     /// Arguments that contradict each other or name nothing.
     #[error("{0}")]
     Usage(String),
@@ -82,7 +88,7 @@ impl CliError {
             Self::Engine(EngineError::NoSpace { .. } | EngineError::Plan { .. }) => Exit::Store,
             Self::Engine(EngineError::Transition(_)) => Exit::Bug,
             Self::Engine(EngineError::Request { .. }) | Self::Usage(_) => Exit::Usage,
-            Self::Input { .. } => Exit::Input,
+            Self::Input { .. } | Self::Trace { .. } => Exit::Input,
             Self::Simulation { .. } => Exit::Problems,
             Self::Engine(_)
             | Self::Report(_)

@@ -24,8 +24,8 @@ pub use error::CliError;
 pub use exit::Exit;
 
 use commands::{
-    bench, cancel, check, compare, completions, config, explain, export, init, logs, man, report, rerun, retry, run,
-    schemas, show, simulate, status,
+    bench, cancel, check, compare, completions, config, explain, export, fit, init, logs, man, report, rerun, retry,
+    run, schemas, show, simulate, status,
 };
 use logging::LogFormat;
 use talk::{ColourChoice, Talk};
@@ -74,6 +74,7 @@ enum Command {
     Compare(compare::CompareArgs),
     Report(report::ReportArgs),
     Export(export::ExportArgs),
+    Fit(fit::FitArgs),
     Bench(bench::BenchArgs),
     Completions(completions::CompletionsArgs),
     Man(man::ManArgs),
@@ -126,6 +127,7 @@ async fn execute(command: &Command, talk: &Talk) -> Result<Exit, CliError> {
         Command::Compare(args) => compare::execute(args, talk).await,
         Command::Report(args) => report::execute(args, talk).await,
         Command::Export(args) => export::execute(args, talk).await,
+        Command::Fit(args) => fit::execute(args, talk),
         Command::Bench(args) => bench::execute(args, talk).await,
         Command::Completions(args) => completions::execute(args, talk),
         Command::Man(args) => man::execute(args, talk),

@@ -2,6 +2,7 @@
 //!
 //! One file for up to [`ONE_FILE`] patients; beyond, an index with a page per patient beside it.
 
+mod calcium_fit;
 mod cohort;
 mod convergence;
 mod figures;
@@ -13,4 +14,5 @@ mod provenance;
 mod tables;
 mod write;
 
+pub use calcium_fit::calcium_fit_svg;
 pub use write::{ONE_FILE, ReportError, ReportPaths, write_report};

@@ -13,6 +13,7 @@ mod cycle;
 pub mod problem;
 pub mod read;
 pub mod resample;
+mod told;
 pub mod trace;
 
 pub use active_stress::{ActiveStressBiomarkers, CalciumDurations};

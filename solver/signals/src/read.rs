@@ -1,13 +1,13 @@
-//! Reading `pressure.csv` (`time_ms,pressure_mmHg`) and `volume.csv` (`time_ms,volume_mL`).
+//! Reading traces: `pressure.csv` (`time_ms,pressure_mmHg`) and `volume.csv` (`time_ms,volume_mL`) of a patient, a calcium
+//! transient (`time_ms,calcium_uM`).
 //!
 //! A number without a unit is refused, never guessed. All problems of a file are returned at once; a kind of problem
 //! that strikes many lines is told for the first few and then counted.
 
+use crate::told::{Kind, Told};
 use crate::{Problem, Quantity, Trace};
 use std::path::Path;
 
-/// Lines of one kind of problem that are told one by one; the rest is counted in a last one.
-const MAX_TOLD: usize = 5;
 /// An interval that is so many times the usual one is a gap.
 const GAP_FACTOR: f64 = 1.75;
 /// A gap of so many usual intervals, or of [`SEVERE_GAP_MS`], is an error: nothing honest can be put in its place.
@@ -34,7 +34,11 @@ pub fn read_trace(file: &Path, quantity: Quantity) -> Reading {
                 file,
                 format!("no readable file ({cause})"),
                 format!("a CSV file with the columns {}", header(quantity)),
-                "check the name in patient.toml and the file's permissions",
+                if from_patient(quantity) {
+                    "check the name in patient.toml and the file's permissions"
+                } else {
+                    "check the name and the file's permissions"
+                },
             )],
         },
     }
@@ -44,12 +48,26 @@ pub fn read_trace(file: &Path, quantity: Quantity) -> Reading {
 #[must_use]
 pub fn parse_trace(bytes: &[u8], file: &Path, quantity: Quantity) -> Reading {
     let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
-    let mut parser = Parser { file, quantity, problems: Vec::new() };
-    let samples = parser.samples(bytes);
+    let mut parser = Parser { file, bytes, quantity, problems: Vec::new() };
+    let samples = parser.samples();
     let trace = samples.and_then(|s| parser.trace(&s));
     let mut problems = parser.problems;
     problems.sort_by_key(|p| p.line);
     Reading { trace, problems }
+}
+
+/// Whether patient.toml names such files.
+fn from_patient(quantity: Quantity) -> bool {
+    matches!(quantity, Quantity::Pressure | Quantity::Volume)
+}
+
+/// What to do about a file without samples.
+fn export_again(quantity: Quantity) -> &'static str {
+    if from_patient(quantity) {
+        "export the trace again, or remove it from patient.toml"
+    } else {
+        "export the trace again"
+    }
 }
 
 fn header(quantity: Quantity) -> String {
@@ -65,6 +83,7 @@ struct Sample {
 
 struct Parser<'a> {
     file: &'a Path,
+    bytes: &'a [u8],
     quantity: Quantity,
     problems: Vec<Problem>,
 }
@@ -75,13 +94,13 @@ impl Parser<'_> {
     }
 
     /// All samples; none if the header or any line is wrong.
-    fn samples(&mut self, bytes: &[u8]) -> Option<Vec<Sample>> {
+    fn samples(&mut self) -> Option<Vec<Sample>> {
         let mut reader = csv::ReaderBuilder::new()
             .has_headers(false)
             .flexible(true)
             .trim(csv::Trim::All)
             .comment(Some(b'#'))
-            .from_reader(bytes);
+            .from_reader(self.bytes);
         let mut records = reader.records();
         let first = match records.next() {
             Some(Ok(record)) => record,
@@ -94,11 +113,7 @@ impl Parser<'_> {
                 return None;
             }
             None => {
-                self.error(
-                    "an empty file".into(),
-                    header(self.quantity),
-                    "export the trace again, or remove it from patient.toml",
-                );
+                self.error("an empty file".into(), header(self.quantity), export_again(self.quantity));
                 return None;
             }
         };
@@ -113,7 +128,7 @@ impl Parser<'_> {
                     None => sound = false,
                 },
                 Err(cause) => {
-                    let line = cause.position().map_or(0, |p| p.line() as usize);
+                    let line = self.line(cause.position());
                     let problem = Problem::error(
                         self.file,
                         format!("text that is not CSV ({cause})"),
@@ -128,10 +143,19 @@ impl Parser<'_> {
         told.finish(self.file, &mut self.problems);
         if samples.len() < 2 && sound {
             let found = format!("{} samples", samples.len());
-            self.error(found, "one beat's samples".into(), "export the trace again, or remove it from patient.toml");
+            self.error(found, "one beat's samples".into(), export_again(self.quantity));
             return None;
         }
         sound.then_some(samples)
+    }
+
+    /// The line of a record, from 1: its position is that of the comments and empty lines before it.
+    fn line(&self, position: Option<&csv::Position>) -> usize {
+        let Some(position) = position else { return 1 };
+        let rest = self.bytes.get(position.byte() as usize..).unwrap_or_default();
+        let skipped =
+            rest.split(|b| *b == b'\n').take_while(|line| line.starts_with(b"#") || line.trim_ascii().is_empty());
+        position.line() as usize + skipped.count()
     }
 
     /// Positions of time and value in a line.
@@ -139,7 +163,7 @@ impl Parser<'_> {
         let names: Vec<&str> = first.iter().collect();
         let shown = names.join(",");
         let expected = format!("the header {}", header(self.quantity));
-        let line = first.position().map_or(1, |p| p.line() as usize);
+        let line = self.line(first.position());
         if names.iter().all(|n| n.parse::<f64>().is_ok()) {
             self.header_error(line, None, format!("the numbers `{shown}` and no header"), expected, format!(
                 "put {} above the numbers if these are their units, and convert them if not: units are never guessed",
@@ -186,17 +210,18 @@ impl Parser<'_> {
             }
         }
         let other = match self.quantity {
-            Quantity::Pressure => Quantity::Volume,
-            _ => Quantity::Pressure,
+            Quantity::Pressure => Some(Quantity::Volume),
+            Quantity::Volume => Some(Quantity::Pressure),
+            _ => None,
         };
         let stand_in = names.iter().find(|n| alike(n));
         let found = stand_in.map_or_else(|| format!("`{}`", names.join(",")), |n| format!("column `{n}`"));
-        let remedy = match stand_in {
-            Some(n) if *n == other.column() && wanted != "time_ms" => {
+        let remedy = match (stand_in, other) {
+            (Some(n), Some(other)) if *n == other.column() && wanted != "time_ms" => {
                 format!("this is a {other} file: are the two files swapped in patient.toml?")
             }
-            Some(n) => unit_remedy(n, wanted),
-            None => format!("add the column; the header must be {}", header(self.quantity)),
+            (Some(n), _) => unit_remedy(n, wanted),
+            (None, _) => format!("add the column; the header must be {}", header(self.quantity)),
         };
         self.header_error(line, Some(wanted), found, format!("the column `{wanted}`"), remedy);
         None
@@ -209,7 +234,7 @@ impl Parser<'_> {
     }
 
     fn sample(&mut self, record: &csv::StringRecord, columns: &Columns, told: &mut Told) -> Option<Sample> {
-        let line = record.position().map_or(0, |p| p.line() as usize);
+        let line = self.line(record.position());
         if record.len() != columns.n {
             let shown: Vec<&str> = record.iter().collect();
             let problem = Problem::error(
@@ -224,7 +249,18 @@ impl Parser<'_> {
         let (value_column, unit) = (self.quantity.column(), self.quantity.unit());
         let time_ms = self.number(line, &record[columns.time], "time_ms", "ms", told);
         let value = self.number(line, &record[columns.value], value_column, unit, told);
-        Some(Sample { line, time_ms: time_ms?, value: value? })
+        let (time_ms, value) = (time_ms?, value?);
+        if self.quantity == Quantity::Calcium && value < 0.0 {
+            let problem = Problem::error(
+                self.file,
+                format!("`{value}`"),
+                format!("a concentration in {unit}, 0 or more"),
+                "calibrate the signal to concentrations: a background that was subtracted belongs to the resting calcium",
+            );
+            told.push(Kind::Negative, problem.at_line(line).at_key(value_column), &mut self.problems);
+            return None;
+        }
+        Some(Sample { line, time_ms, value })
     }
 
     fn number(&mut self, line: usize, cell: &str, column: &str, unit: &str, told: &mut Told) -> Option<f64> {
@@ -243,7 +279,11 @@ impl Parser<'_> {
             self.file,
             found,
             format!("a finite number in {unit}"),
-            "remove the line or fill in what was measured; a few lost samples are bridged, a longer gap is reported",
+            if from_patient(self.quantity) {
+                "remove the line or fill in what was measured; a few lost samples are bridged, a longer gap is reported"
+            } else {
+                "remove the line or fill in what was measured"
+            },
         );
         told.push(kind, problem.at_line(line).at_key(column), &mut self.problems);
         None
@@ -269,7 +309,10 @@ impl Parser<'_> {
             }
             return None;
         }
-        self.gaps(samples);
+        // A fit takes samples of any spacing.
+        if from_patient(self.quantity) {
+            self.gaps(samples);
+        }
         let time_ms = samples.iter().map(|s| s.time_ms).collect();
         Trace::new(self.quantity, time_ms, samples.iter().map(|s| s.value).collect()).ok()
     }
@@ -336,6 +379,8 @@ fn unit_remedy(found: &str, wanted: &str) -> String {
         "volume_mL" if lower == "volume_l" || lower.contains("litre") || lower.contains("liter") => {
             Some("1 L = 1000 mL")
         }
+        "calcium_uM" if lower.ends_with("_nm") || lower.contains("nmol") => Some("1000 nM = 1 µM"),
+        "calcium_uM" if lower.contains("mmol") || found.ends_with("_mM") => Some("1 mM = 1000 µM"),
         "volume_mL" if lower.contains("mm3") || lower.contains("ul") => Some("1000 mm3 = 1 mL"),
         _ => None,
     };
@@ -353,44 +398,6 @@ pub(crate) fn median_step_ms(time_ms: impl Iterator<Item = f64>) -> f64 {
     let mut steps: Vec<f64> = times.windows(2).map(|w| w[1] - w[0]).collect();
     steps.sort_by(f64::total_cmp);
     steps.get(steps.len() / 2).copied().unwrap_or(f64::NAN)
-}
-
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-enum Kind {
-    Text,
-    Fields,
-    Empty,
-    NotFinite,
-    NotANumber,
-    Doubled,
-    Backwards,
-    Gap,
-    SevereGap,
-}
-
-/// How often each kind was met, so that a broken file does not print a thousand lines.
-#[derive(Default)]
-struct Told(std::collections::BTreeMap<Kind, (usize, Option<Problem>)>);
-
-impl Told {
-    fn push(&mut self, kind: Kind, problem: Problem, problems: &mut Vec<Problem>) {
-        let (n, last) = self.0.entry(kind).or_default();
-        *n += 1;
-        if *n <= MAX_TOLD {
-            problems.push(problem);
-        } else {
-            *last = Some(problem);
-        }
-    }
-
-    fn finish(self, file: &Path, problems: &mut Vec<Problem>) {
-        for (n, last) in self.0.into_values() {
-            let Some(last) = last else { continue };
-            let found = format!("{} more lines like those before, the last one with {}", n - MAX_TOLD, last.found);
-            let summary = Problem { found, file: file.to_owned(), ..last };
-            problems.push(summary);
-        }
-    }
 }
 
 #[cfg(test)]

@@ -1,4 +1,5 @@
 use super::*;
+use crate::told::MAX_TOLD;
 use proptest::prelude::*;
 
 fn parse(text: &str) -> Reading {
@@ -40,6 +41,36 @@ fn a_column_without_its_unit_is_refused() {
 fn both_columns_wrong_are_two_problems() {
     let reading = parse("t,p\n0,8\n1,9\n");
     assert_eq!(reading.problems.len(), 2, "{:#?}", reading.problems);
+}
+
+#[test]
+fn a_calcium_transient_has_its_own_rules() {
+    let parse = |text: &str| parse_trace(text.as_bytes(), Path::new("calcium.csv"), Quantity::Calcium);
+    let only = |text: &str| {
+        let reading = parse(text);
+        assert!(reading.trace.is_none() && reading.problems.len() == 1, "{:#?}", reading.problems);
+        reading.problems.into_iter().next().unwrap()
+    };
+    // Samples of any spacing: nothing is resampled.
+    let sound = parse("# made by hand\ntime_ms,calcium_uM\n0,0.1\n1,0.2\n2,0.5\n300,0.1\n");
+    assert!(sound.problems.is_empty() && sound.trace.is_some(), "{:#?}", sound.problems);
+    let p = only("time_ms,calcium_uM\n0,0.1\n1,-0.2\n2,0.5\n");
+    assert_eq!((p.line, p.key.as_deref()), (Some(3), Some("calcium_uM")));
+    assert!(p.found == "`-0.2`" && p.expected.contains("µM, 0 or more"), "{p}");
+    assert!(only("time_ms,calcium_nM\n0,100\n1,200\n").remedy.contains("1000 nM = 1 µM"));
+    assert!(only("time_ms,pressure_mmHg\n0,1\n1,2\n").remedy.contains("rename it to `calcium_uM`"));
+    assert!(!only("").remedy.contains("patient.toml"));
+}
+
+#[test]
+fn lines_are_those_of_the_file() {
+    let text = "# one\n# two\n\ntime_ms,pressure_mmHg\n0,8\n# three\n1,x\n\n2,9\n3,NaN";
+    for text in [text.to_owned(), text.replace('\n', "\r\n")] {
+        let lines: Vec<_> = parse(&text).problems.iter().map(|p| p.line).collect();
+        assert_eq!(lines, [Some(7), Some(10)], "{text:?}");
+        let header = parse(&text.replace("_mmHg", ""));
+        assert_eq!(header.problems[0].line, Some(4), "{text:?}");
+    }
 }
 
 #[test]

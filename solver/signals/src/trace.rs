@@ -19,14 +19,14 @@ pub enum Quantity {
 }
 
 impl Quantity {
-    /// Name of the column that holds the quantity in a file: the name carries the unit.
+    /// Name of the column that holds the quantity in a measured file: the name carries the unit.
     #[must_use]
     pub fn column(self) -> &'static str {
         match self {
             Self::Pressure => "pressure_mmHg",
             Self::Volume => "volume_mL",
             Self::ActiveStress => "Sa_kPa",
-            Self::Calcium => "Ca_uM",
+            Self::Calcium => "calcium_uM",
             Self::Stretch => "lambda",
         }
     }
@@ -38,7 +38,7 @@ impl Quantity {
             Self::Pressure => "mmHg",
             Self::Volume => "mL",
             Self::ActiveStress => "kPa",
-            Self::Calcium => "uM",
+            Self::Calcium => "µM",
             Self::Stretch => "",
         }
     }

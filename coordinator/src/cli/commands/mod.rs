@@ -8,6 +8,7 @@ pub mod completions;
 pub mod config;
 pub mod explain;
 pub mod export;
+pub mod fit;
 pub mod init;
 pub mod logs;
 pub mod man;

@@ -176,11 +176,18 @@ impl Chart {
                 data-area={ (x0) "," (x1) "," (y0) "," (y1) }
                 data-read=[reading]
                 data-x=[reading.map(|_| ends(&self.x))] data-y=[reading.map(|_| ends(&self.y))] {
-                (self.axes())
-                @for mark in self.marks.iter().filter(|m| m.is_behind()) { (self.mark(mark)) }
-                @for series in &self.series { (self.line(series)) }
-                @for mark in self.marks.iter().filter(|m| !m.is_behind()) { (self.mark(mark)) }
+                (self.content())
             }
+        }
+    }
+
+    /// What stands inside the SVG element.
+    pub(super) fn content(&self) -> Markup {
+        html! {
+            (self.axes())
+            @for mark in self.marks.iter().filter(|m| m.is_behind()) { (self.mark(mark)) }
+            @for series in &self.series { (self.line(series)) }
+            @for mark in self.marks.iter().filter(|m| !m.is_behind()) { (self.mark(mark)) }
         }
     }
 

@@ -6,6 +6,7 @@
 //! within one. What is left of a chart library after that is these few hundred lines.
 
 mod chart;
+mod file;
 mod scale;
 mod simplify;
 

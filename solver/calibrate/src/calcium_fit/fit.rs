@@ -13,9 +13,6 @@ const LARGEST_ASYMMETRY: f64 = 0.98;
 /// Below this asymmetry the time constants are equal to a thousandth.
 const EQUAL: f64 = 1e-6;
 
-/// The transient: calcium in µM at times after activation in ms; none for parameters that it refuses.
-type Model<'a> = dyn Fn(&RiceParameters, &[f64]) -> Option<Vec<f64>> + 'a;
-
 /// What may be set of a calcium fit.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -53,12 +50,14 @@ pub enum CalciumFitError {
         /// Its value.
         calcium_um: f64,
     },
-    /// Nothing rises.
-    #[error("the trace does not rise after activation at {activation_ms} ms: its peak is at {peak_ms} ms")]
+    /// Nothing rises, or what rises does not fall again.
+    #[error(
+        "the trace does not rise and fall after activation at {activation_ms} ms: its largest value is at {peak_ms} ms"
+    )]
     NoTransient {
         /// Time of activation.
         activation_ms: f64,
-        /// Time of the peak.
+        /// Time of the largest value.
         peak_ms: f64,
     },
     /// A setting that makes no sense.
@@ -67,17 +66,16 @@ pub enum CalciumFitError {
         /// The level.
         level: f64,
     },
-    /// The model failed where the fit starts.
+    /// The minimisation failed.
     #[error("the transient cannot be fitted")]
     LeastSquares(#[from] LeastSquaresError),
 }
 
-/// A trace and its model; parameters in two kinds of coordinates.
+/// A trace; parameters in two kinds of coordinates.
 pub(super) struct Problem<'a> {
     /// Times after activation, ms.
     times_ms: Vec<f64>,
     calcium_um: &'a [f64],
-    model: &'a Model<'a>,
 }
 
 /// Parameters by resting and peak calcium, mean time constant and asymmetry.
@@ -98,10 +96,8 @@ fn from_time_constants(x: &[f64]) -> RiceParameters {
 
 impl Problem<'_> {
     fn residuals(&self, parameters: &RiceParameters) -> Vec<f64> {
-        match (self.model)(parameters, &self.times_ms) {
-            Some(values) => values.iter().zip(self.calcium_um).map(|(model, trace)| model - trace).collect(),
-            None => vec![f64::INFINITY; self.calcium_um.len()],
-        }
+        let transient = parameters.transient_um(&self.times_ms);
+        transient.iter().zip(self.calcium_um).map(|(model, trace)| model - trace).collect()
     }
 
     fn by_asymmetry(&self, start: &[f64], bounds: &[Interval]) -> Result<Fit, LeastSquaresError> {
@@ -113,22 +109,19 @@ impl Problem<'_> {
     }
 }
 
-/// Fits Rice's transient to a trace; the model is the caller's, so that this crate needs none.
+/// Fits Rice's transient to a trace.
 ///
 /// - `times_ms`, `calcium_um`: as measured, of any spacing; the beat's samples before activation belong to it
-/// - `model`: calcium in µM at times after activation in ms (the resting one before), accurate for equal time constants
 ///
 /// # Errors
-/// [`CalciumFitError`] when the trace holds no transient, or the model refuses all starts.
+/// [`CalciumFitError`] when the trace holds no transient.
 pub fn fit_calcium(
     times_ms: &[f64],
     calcium_um: &[f64],
-    model: &Model<'_>,
     settings: CalciumFitSettings,
 ) -> Result<CalciumFit, CalciumFitError> {
     let peak_ms = check(times_ms, calcium_um, settings)?;
-    let problem =
-        Problem { times_ms: times_ms.iter().map(|t| t - settings.activation_ms).collect(), calcium_um, model };
+    let problem = Problem { times_ms: times_ms.iter().map(|t| t - settings.activation_ms).collect(), calcium_um };
     let bounds = bounds(&problem.times_ms, calcium_um);
     let mut best: Option<Fit> = None;
     let mut refused = None;
@@ -169,7 +162,8 @@ fn check(times_ms: &[f64], calcium_um: &[f64], settings: CalciumFitSettings) -> 
     }
     let peak = (0..n_times).fold(0, |best, i| if calcium_um[i] > calcium_um[best] { i } else { best });
     let (activation_ms, peak_ms) = (settings.activation_ms, times_ms[peak]);
-    if peak_ms <= activation_ms || calcium_um[peak] <= 0.0 {
+    let at_an_end = peak == 0 || peak + 1 == n_times;
+    if at_an_end || peak_ms <= activation_ms || calcium_um[peak] <= 0.0 {
         return Err(CalciumFitError::NoTransient { activation_ms, peak_ms });
     }
     Ok(peak_ms - activation_ms)

@@ -14,6 +14,7 @@ mod fit;
 mod intervals;
 #[cfg(test)]
 mod tests;
+mod transient;
 
 pub use fit::{CalciumFitError, CalciumFitSettings, fit_calcium};
 use serde::{Deserialize, Serialize};

@@ -5,16 +5,6 @@ use crate::normal;
 use crate::random::{Purpose, generator};
 use rand::Rng;
 
-/// Rice's transient, accurate for equal time constants: e^{-s/τ1} (1 - e^{-s (1/τ2 - 1/τ1)}) over its peak.
-fn rice(p: &RiceParameters, times_ms: &[f64]) -> Option<Vec<f64>> {
-    let (slow, fast) = (1.0 / p.tau_cr_ms.max(p.tau_cd_ms), 1.0 / p.tau_cr_ms.min(p.tau_cd_ms));
-    let gap = (p.tau_cr_ms - p.tau_cd_ms).abs() / (p.tau_cr_ms * p.tau_cd_ms);
-    let rise = |s: f64| if gap * s < 1e-12 { s } else { -(-gap * s).exp_m1() / gap };
-    let shape = |s: f64| if s > 0.0 { (-slow * s).exp() * rise(s) } else { 0.0 };
-    let peak = shape(if gap < 1e-9 * slow { 1.0 / slow } else { (fast / slow).ln() / gap });
-    Some(times_ms.iter().map(|s| p.ca_res_um + (p.ca_max_um - p.ca_res_um) * shape(*s) / peak).collect())
-}
-
 fn truth(tau_cr_ms: f64, tau_cd_ms: f64) -> RiceParameters {
     RiceParameters { ca_res_um: 0.15, ca_max_um: 0.6, tau_cr_ms, tau_cd_ms }
 }
@@ -27,11 +17,11 @@ fn times() -> Vec<f64> {
 fn noisy(p: &RiceParameters, standard_deviation: f64, seed: u64) -> Vec<f64> {
     let mut random = generator(seed, Purpose::LatinHypercube, [7, 7]);
     let mut noise = || standard_deviation * normal::quantile(random.random_range(1e-12..1.0 - 1e-12));
-    rice(p, &times()).unwrap().into_iter().map(|v| v + noise()).collect()
+    p.transient_um(&times()).into_iter().map(|v| v + noise()).collect()
 }
 
 fn fitted(trace: &[f64]) -> CalciumFit {
-    fit_calcium(&times(), trace, &rice, CalciumFitSettings::default()).unwrap()
+    fit_calcium(&times(), trace, CalciumFitSettings::default()).unwrap()
 }
 
 fn covers(estimate: &Estimate, truth: f64) -> bool {
@@ -41,22 +31,22 @@ fn covers(estimate: &Estimate, truth: f64) -> bool {
 #[test]
 fn an_exact_trace_gives_its_parameters_back() {
     let expected = truth(210.0, 55.0);
-    let fit = fitted(&rice(&expected, &times()).unwrap());
+    let fit = fitted(&expected.transient_um(&times()));
     let p = fit.parameters;
     assert!(fit.converged && fit.time_constants == TimeConstants::Distinct, "{fit:?}");
     assert!((p.ca_res_um - 0.15).abs() < 1e-8 && (p.ca_max_um - 0.6).abs() < 1e-8);
     assert!((p.tau_cr_ms - 210.0).abs() < 1e-5 && (p.tau_cd_ms - 55.0).abs() < 1e-5, "{p:?}");
     // Exchanged, the curve and so the answer are the same.
-    let exchanged = fitted(&rice(&truth(55.0, 210.0), &times()).unwrap());
+    let exchanged = fitted(&truth(55.0, 210.0).transient_um(&times()));
     assert!((exchanged.parameters.tau_cr_ms - 210.0).abs() < 1e-5);
 }
 
 #[test]
 fn activation_is_taken_off() {
     let shifted: Vec<f64> = times().iter().map(|t| t - 40.0).collect();
-    let trace = rice(&truth(180.0, 70.0), &shifted).unwrap();
+    let trace = truth(180.0, 70.0).transient_um(&shifted);
     let settings = CalciumFitSettings { activation_ms: 40.0, ..CalciumFitSettings::default() };
-    let fit = fit_calcium(&times(), &trace, &rice, settings).unwrap();
+    let fit = fit_calcium(&times(), &trace, settings).unwrap();
     assert!((fit.parameters.tau_cr_ms - 180.0).abs() < 1e-5, "{fit:?}");
 }
 
@@ -125,16 +115,20 @@ fn intervals_cover() {
 #[test]
 fn what_is_no_transient_is_refused_by_name() {
     let refused = |times: &[f64], trace: &[f64]| {
-        fit_calcium(times, trace, &rice, CalciumFitSettings::default()).unwrap_err().to_string()
+        fit_calcium(times, trace, CalciumFitSettings::default()).unwrap_err().to_string()
     };
     let t = times();
     assert!(refused(&t[..5], &[0.1; 5]).contains("5 times"));
     assert!(refused(&t, &[0.1; 99]).contains("99 values"));
     let falling: Vec<f64> = t.iter().map(|s| (-s / 100.0).exp()).collect();
     assert!(refused(&t, &falling).contains("does not rise"));
+    // Neither what only falls nor what only rises is a transient, wherever activation is said to be.
+    let early = CalciumFitSettings { activation_ms: -20.0, ..CalciumFitSettings::default() };
+    let rising: Vec<f64> = falling.iter().map(|c| 1.0 - c).collect();
+    for trace in [falling, rising, vec![0.3; t.len()]] {
+        assert!(matches!(fit_calcium(&t, &trace, early), Err(CalciumFitError::NoTransient { .. })), "{trace:?}");
+    }
     let mut broken = noisy(&truth(100.0, 80.0), 0.01, 0);
     broken[17] = f64::NAN;
     assert!(refused(&t, &broken).contains("sample 17 at 170 ms"));
-    let never = fit_calcium(&t, &noisy(&truth(100.0, 80.0), 0.01, 0), &|_, _| None, CalciumFitSettings::default());
-    assert!(matches!(never, Err(CalciumFitError::LeastSquares(_))));
 }

@@ -1,0 +1,33 @@
+//! `cardiotwin fit`: parameters from measured traces, outside of any run.
+
+mod calcium;
+mod cohort_toml;
+mod trace;
+
+use clap::{Args, Subcommand};
+
+use crate::cli::error::CliError;
+use crate::cli::exit::Exit;
+use crate::cli::talk::Talk;
+
+/// Fit a part of the model to measured traces, for a cohort's defaults
+#[derive(Debug, Args)]
+pub struct FitArgs {
+    #[command(subcommand)]
+    command: FitCommand,
+}
+
+#[derive(Debug, Subcommand)]
+enum FitCommand {
+    Calcium(calcium::CalciumArgs),
+}
+
+/// Fits.
+///
+/// # Errors
+/// [`CliError::Trace`] for a trace that cannot be used, [`CliError::File`] for a plot that cannot be written.
+pub fn execute(args: &FitArgs, talk: &Talk) -> Result<Exit, CliError> {
+    match &args.command {
+        FitCommand::Calcium(args) => calcium::execute(args, talk),
+    }
+}

@@ -1,0 +1,40 @@
+//! A trace named on the command line.
+
+use std::path::Path;
+
+use cardiotwin_signals::{Problem, Quantity, Trace, read_trace};
+
+use crate::cli::error::CliError;
+use crate::cli::problems;
+use crate::cli::talk::{Talk, count};
+use crate::input::Report;
+
+/// Reads a trace; says every problem.
+///
+/// # Errors
+/// [`CliError::Trace`] where there is an error among them.
+pub fn read(file: &Path, quantity: Quantity, talk: &Talk) -> Result<Trace, CliError> {
+    let reading = read_trace(file, quantity);
+    let n_errors = say(reading.problems, talk);
+    reading.trace.filter(|_| n_errors == 0).ok_or_else(|| unusable(n_errors))
+}
+
+/// Says what a fit refused.
+pub fn refused(problem: Problem, talk: &Talk) -> CliError {
+    unusable(say(vec![problem], talk))
+}
+
+fn unusable(n_errors: usize) -> CliError {
+    CliError::Trace { errors: count(n_errors, "error") }
+}
+
+/// Number of errors.
+fn say(found: Vec<Problem>, talk: &Talk) -> usize {
+    let mut report = Report::default();
+    found.into_iter().for_each(|problem| report.add(None, problem));
+    let text = problems::text(&report, talk.colour_err);
+    if !text.is_empty() {
+        talk.say(text.trim_end());
+    }
+    report.n_errors()
+}
