@@ -2,6 +2,8 @@
 
 use std::time::{SystemTime, UNIX_EPOCH};
 
+pub use cardiotwin_schemas::time::utc_text;
+
 /// Milliseconds since 1970-01-01T00:00:00Z.
 #[must_use]
 pub fn now_ms() -> i64 {
@@ -13,39 +15,4 @@ pub fn now_ms() -> i64 {
 #[must_use]
 pub fn now_utc() -> String {
     utc_text(now_ms())
-}
-
-/// `ms` since 1970 as UTC text.
-#[must_use]
-pub fn utc_text(ms: i64) -> String {
-    let (days, ms_of_day) = (ms.div_euclid(86_400_000), ms.rem_euclid(86_400_000));
-    let (year, month, day) = civil(days);
-    let (s, milli) = (ms_of_day / 1000, ms_of_day % 1000);
-    format!("{year:04}-{month:02}-{day:02}T{:02}:{:02}:{:02}.{milli:03}Z", s / 3600, s / 60 % 60, s % 60)
-}
-
-/// Calendar date of a day counted from 1970-01-01 (Hinnant's algorithm: years that begin in March end with the leap
-/// day, in eras of 400 years).
-fn civil(days: i64) -> (i64, i64, i64) {
-    let z = days + 719_468;
-    let (era, day_of_era) = (z.div_euclid(146_097), z.rem_euclid(146_097));
-    let year_of_era = (day_of_era - day_of_era / 1460 + day_of_era / 36_524 - day_of_era / 146_096) / 365;
-    let day_of_year = day_of_era - (365 * year_of_era + year_of_era / 4 - year_of_era / 100);
-    let shifted = (5 * day_of_year + 2) / 153;
-    let day = day_of_year - (153 * shifted + 2) / 5 + 1;
-    let month = if shifted < 10 { shifted + 3 } else { shifted - 9 };
-    (year_of_era + era * 400 + i64::from(month <= 2), month, day)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn known_instants() {
-        assert_eq!(utc_text(0), "1970-01-01T00:00:00.000Z");
-        assert_eq!(utc_text(951_827_696_789), "2000-02-29T12:34:56.789Z");
-        assert_eq!(utc_text(4_107_542_399_999), "2100-02-28T23:59:59.999Z");
-        assert_eq!(utc_text(-1), "1969-12-31T23:59:59.999Z");
-    }
 }

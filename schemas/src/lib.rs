@@ -22,6 +22,7 @@ pub mod settings;
 pub mod status;
 pub mod sweep;
 pub mod task;
+pub mod time;
 
 pub mod json_schemas;
 
