@@ -3,7 +3,6 @@
 use std::io;
 use std::path::PathBuf;
 
-use cardiotwin_calibrate::differential_evolution::DifferentialEvolutionError;
 use cardiotwin_calibrate::identifiability::IdentifiabilityError;
 use cardiotwin_calibrate::population::PopulationError;
 use cardiotwin_calibrate::sobol::SobolError;
@@ -121,7 +120,7 @@ pub enum TaskError {
     },
     /// The optimiser refused its settings.
     #[error("differential evolution")]
-    Optimiser(#[from] DifferentialEvolutionError),
+    Optimiser(#[from] PopulationError),
     /// The design of a sweep makes no sense.
     #[error("design of the sweep")]
     Design(#[from] SobolError),

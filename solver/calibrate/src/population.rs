@@ -1,4 +1,4 @@
-//! What the population-based optimisers beside `SciPy`'s differential evolution share.
+//! What the population-based optimisers share.
 
 use crate::lbfgsb::LbfgsbError;
 use crate::{Interval, IntervalError};

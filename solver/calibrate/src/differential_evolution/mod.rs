@@ -17,4 +17,4 @@ mod settings;
 mod tests;
 
 pub use optimiser::{DifferentialEvolution, Ending, Outcome, Stage};
-pub use settings::{DifferentialEvolutionError, Settings, Updating};
+pub use settings::{Settings, Updating};

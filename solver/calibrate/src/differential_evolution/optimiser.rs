@@ -1,7 +1,8 @@
 //! The optimiser: what it asks for, what it makes of the answers, when it ends.
 
-use super::{DifferentialEvolutionError, Settings, Updating};
+use super::{Settings, Updating};
 use crate::lbfgsb::Lbfgsb;
+use crate::population::{PopulationError, scale, unit_guesses};
 use crate::random::{Purpose, generator};
 use crate::statistics::{mean, population_standard_deviation};
 use crate::storage::worst_if_not_finite;
@@ -90,22 +91,14 @@ impl DifferentialEvolution {
     /// Begins with a Latin hypercube in the box; guesses (shape (any, D)) replace its first members, cut to the box.
     ///
     /// # Errors
-    /// [`DifferentialEvolutionError`] when the box, a setting or a guess makes no sense.
-    pub fn new(
-        bounds: &[Interval],
-        guesses: &[Vec<f64>],
-        settings: Settings,
-    ) -> Result<Self, DifferentialEvolutionError> {
+    /// [`PopulationError`] when the box, a setting or a guess makes no sense.
+    pub fn new(bounds: &[Interval], guesses: &[Vec<f64>], settings: Settings) -> Result<Self, PopulationError> {
         Interval::validate(bounds)?;
         settings.validate()?;
         let n_members = settings.n_members(bounds);
         let mut population = latin_hypercube::unit(n_members, bounds.len(), settings.seed);
-        for (idx, guess) in guesses.iter().enumerate() {
-            if guess.len() != bounds.len() || idx >= n_members {
-                let (n_guess, n_bounds) = (guess.len(), bounds.len());
-                return Err(DifferentialEvolutionError::Guess { idx, n_guess, n_bounds, n_members });
-            }
-            population[idx] = guess.iter().zip(bounds).map(|(x, b)| b.to_unit(b.clamp(*x))).collect();
+        for (member, guess) in population.iter_mut().zip(unit_guesses(guesses, bounds, n_members)?) {
+            *member = guess;
         }
         Ok(Self {
             settings,
@@ -136,8 +129,8 @@ impl DifferentialEvolution {
     /// Takes the costs of the points that [`Self::ask`] gave, in their order; those not finite count as infinite.
     ///
     /// # Errors
-    /// [`DifferentialEvolutionError`] when the number of costs differs or the optimisation has ended.
-    pub fn tell(&mut self, costs: &[f64]) -> Result<(), DifferentialEvolutionError> {
+    /// [`PopulationError`] when the number of costs differs or the optimisation has ended.
+    pub fn tell(&mut self, costs: &[f64]) -> Result<(), PopulationError> {
         if self.stage == Stage::Polish {
             return self.tell_polish(costs);
         }
@@ -148,14 +141,14 @@ impl DifferentialEvolution {
         Ok(())
     }
 
-    fn tell_trials(&mut self, costs: &[f64]) -> Result<(), DifferentialEvolutionError> {
+    fn tell_trials(&mut self, costs: &[f64]) -> Result<(), PopulationError> {
         let n_points = match (self.stage, self.settings.updating) {
-            (Stage::Ended, _) => return Err(DifferentialEvolutionError::Ended),
+            (Stage::Ended, _) => return Err(PopulationError::Ended),
             (Stage::Evolution, Updating::Immediate) => 1,
             _ => self.population.len(),
         };
         if costs.len() != n_points {
-            return Err(DifferentialEvolutionError::Costs { n_costs: costs.len(), n_points });
+            return Err(PopulationError::Costs { n_costs: costs.len(), n_points });
         }
         self.n_evaluations += n_points;
         let costs: Vec<f64> = costs.iter().copied().map(worst_if_not_finite).collect();
@@ -257,7 +250,7 @@ impl DifferentialEvolution {
     }
 
     fn scale(&self, member: &[f64]) -> Vec<f64> {
-        member.iter().zip(&self.bounds).map(|(u, b)| b.from_unit(*u)).collect()
+        scale(member, &self.bounds)
     }
 
     /// The trials under way, made again if the state was stored since they were asked for.
@@ -341,7 +334,7 @@ impl DifferentialEvolution {
                 <= self.settings.atol + self.settings.tol * mean(&self.costs).abs()
     }
 
-    fn end_generation(&mut self) -> Result<(), DifferentialEvolutionError> {
+    fn end_generation(&mut self) -> Result<(), PopulationError> {
         self.ending = if self.is_converged() {
             Some(Ending::Converged)
         } else if self.generation >= self.settings.maxiter {
@@ -361,8 +354,8 @@ impl DifferentialEvolution {
         Ok(())
     }
 
-    fn tell_polish(&mut self, costs: &[f64]) -> Result<(), DifferentialEvolutionError> {
-        let Some(polish) = &mut self.polish else { return Err(DifferentialEvolutionError::Ended) };
+    fn tell_polish(&mut self, costs: &[f64]) -> Result<(), PopulationError> {
+        let Some(polish) = &mut self.polish else { return Err(PopulationError::Ended) };
         polish.tell(costs)?;
         if let Some(ending) = polish.ending() {
             // As in SciPy, a polish that did not come to its own end is not trusted.

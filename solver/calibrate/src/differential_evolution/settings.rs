@@ -1,7 +1,7 @@
 //! What may be set of differential evolution.
 
-use crate::lbfgsb::{self, LbfgsbError};
-use crate::{Interval, IntervalError};
+use crate::population::{PopulationError, check};
+use crate::{Interval, lbfgsb};
 use serde::{Deserialize, Serialize};
 
 /// When a better trial takes its member's place.
@@ -55,50 +55,6 @@ impl Default for Settings {
     }
 }
 
-/// What is wrong with what differential evolution was given.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum DifferentialEvolutionError {
-    /// The box makes no sense.
-    #[error(transparent)]
-    Interval(#[from] IntervalError),
-    /// A setting that makes no sense.
-    #[error("setting {key} is {value}, but must be {expected}")]
-    Setting {
-        /// Key of the setting.
-        key: &'static str,
-        /// Its value.
-        value: f64,
-        /// What it must be.
-        expected: &'static str,
-    },
-    /// A guess that does not fit the box, or more guesses than members.
-    #[error("guess {idx} has {n_guess} parameters of {n_bounds}, and the population takes {n_members} guesses")]
-    Guess {
-        /// Position of the guess.
-        idx: usize,
-        /// Its number of parameters.
-        n_guess: usize,
-        /// Number of intervals.
-        n_bounds: usize,
-        /// Number of members.
-        n_members: usize,
-    },
-    /// Another number of costs than points were asked for.
-    #[error("{n_costs} costs were told for {n_points} points")]
-    Costs {
-        /// Costs told.
-        n_costs: usize,
-        /// Points asked.
-        n_points: usize,
-    },
-    /// Nothing is being asked any more.
-    #[error("costs were told after the optimisation had ended")]
-    Ended,
-    /// The polish refused its start or its costs.
-    #[error("the polish failed")]
-    Polish(#[from] LbfgsbError),
-}
-
 impl Settings {
     /// Number of members for a box: `popsize` for each parameter with a width, at least five.
     #[must_use]
@@ -107,10 +63,7 @@ impl Settings {
         (self.popsize * n_free.max(1)).max(5)
     }
 
-    pub(super) fn validate(&self) -> Result<(), DifferentialEvolutionError> {
-        let check = |key, value: f64, ok: bool, expected| {
-            if ok { Ok(()) } else { Err(DifferentialEvolutionError::Setting { key, value, expected }) }
-        };
+    pub(super) fn validate(&self) -> Result<(), PopulationError> {
         let [low, high] = self.mutation;
         check("popsize", self.popsize as f64, self.popsize > 0, "at least 1")?;
         check("mutation", low, (0.0..2.0).contains(&low), "at least 0 and below 2")?;

@@ -1,6 +1,7 @@
 use super::*;
 use crate::Interval;
 use crate::lbfgsb;
+use crate::population::PopulationError;
 use proptest::prelude::*;
 
 fn sphere(x: &[f64]) -> f64 {
@@ -127,9 +128,9 @@ fn nonsense_is_refused_by_name() {
     assert!(DifferentialEvolution::new(&[], &[], Settings::default()).is_err());
     assert!(DifferentialEvolution::new(&bounds(2), &[vec![1.0]], Settings::default()).is_err());
     let mut de = start(2, Settings::default());
-    assert_eq!(de.tell(&[1.0]), Err(DifferentialEvolutionError::Costs { n_costs: 1, n_points: 30 }));
+    assert_eq!(de.tell(&[1.0]), Err(PopulationError::Costs { n_costs: 1, n_points: 30 }));
     let mut ended = finish(start(2, Settings { maxiter: 2, ..Settings::default() }), sphere);
-    assert_eq!(ended.tell(&[]), Err(DifferentialEvolutionError::Ended));
+    assert_eq!(ended.tell(&[]), Err(PopulationError::Ended));
     assert!(ended.ask().is_empty());
 }
 
