@@ -2,7 +2,9 @@
 
 use super::{Cell0d, CellBeat, CellError};
 use crate::calcium::Rice2008;
-use cardiotwin_units::Ms;
+use cardiotwin_signals::CalciumDurations;
+use cardiotwin_signals::active_stress::{self, CellTraceError};
+use cardiotwin_units::{MicroMolar, Ms};
 use serde::{Deserialize, Serialize};
 
 /// Active-stress biomarkers of one beat: largest sample, central differences, crossings by linear interpolation.
@@ -40,11 +42,6 @@ pub struct CalciumBiomarkers {
     pub ctd90_ms: f64,
 }
 
-/// Linear interpolation of the time at which the trace passes `level` between samples `i` and `i + 1`.
-fn crossing(time_ms: &[f64], trace: &[f64], i: usize, level: f64) -> f64 {
-    time_ms[i] + (level - trace[i]) / (trace[i + 1] - trace[i]) * (time_ms[i + 1] - time_ms[i])
-}
-
 /// Active-stress biomarkers of a trace (Jung 2022, Appendix C; misprint resolved: the rate's maximum is sought before t11).
 ///
 /// - `time_ms`, `sa_kpa`, `lambda`: samples of one beat, equally long, at least three
@@ -52,41 +49,40 @@ fn crossing(time_ms: &[f64], trace: &[f64], i: usize, level: f64) -> f64 {
 /// Returns `None` for shorter or unequal traces, or ones with a value that is not finite.
 #[must_use]
 pub fn active_stress_biomarkers(time_ms: &[f64], sa_kpa: &[f64], lambda: &[f64]) -> Option<ActiveStressBiomarkers> {
-    let n = time_ms.len();
-    let finite = |trace: &[f64]| trace.iter().all(|x| x.is_finite());
-    if n < 3 || sa_kpa.len() != n || lambda.len() != n || !finite(time_ms) || !finite(sa_kpa) || !finite(lambda) {
+    if lambda.len() != sa_kpa.len() {
         return None;
     }
-    let mut peak = 0;
-    for (i, &sa) in sa_kpa.iter().enumerate() {
-        if sa > sa_kpa[peak] {
-            peak = i;
+    let lambda_min = active_stress::lambda_min(lambda).ok()?.0;
+    let sa_res_kpa = *sa_kpa.first()?;
+    match active_stress::ActiveStressBiomarkers::of(time_ms, sa_kpa) {
+        Ok(b) => Some(ActiveStressBiomarkers {
+            sa_max_kpa: b.sa_max.0,
+            t_sa_max_ms: b.t_sa_max.0,
+            dsadt_max_kpa_per_ms: b.dsadt_max_kpa_per_ms,
+            std30_ms: b.std30.0,
+            std50_ms: b.std50.0,
+            std90_ms: b.std90.0,
+            lambda_min,
+            sa_res_kpa,
+            open_levels: std::array::from_fn(|k| b.unreached.upstroke[k] || b.unreached.downstroke[k]),
+        }),
+        // A cell that develops nothing is a poor fit, not a failed one.
+        Err(CellTraceError::NoStress { max_kpa }) => {
+            let whole_beat = time_ms[time_ms.len() - 1] - time_ms[0];
+            Some(ActiveStressBiomarkers {
+                sa_max_kpa: max_kpa,
+                t_sa_max_ms: time_ms[sa_kpa.iter().position(|sa| *sa == max_kpa)?],
+                dsadt_max_kpa_per_ms: 0.0,
+                std30_ms: whole_beat,
+                std50_ms: whole_beat,
+                std90_ms: whole_beat,
+                lambda_min,
+                sa_res_kpa,
+                open_levels: [true; 3],
+            })
         }
+        Err(CellTraceError::Length { .. } | CellTraceError::NotFinite { .. }) => None,
     }
-    let sa_max_kpa = sa_kpa[peak];
-    let dsadt_max_kpa_per_ms = (1..peak.min(n - 1))
-        .map(|i| (sa_kpa[i + 1] - sa_kpa[i - 1]) / (time_ms[i + 1] - time_ms[i - 1]))
-        .fold(0.0, f64::max);
-    let duration = |fraction: f64| {
-        let level = fraction * sa_max_kpa;
-        let up = (0..peak).rev().find(|&i| sa_kpa[i] < level && sa_kpa[i + 1] >= level);
-        let down = (peak..n - 1).find(|&i| sa_kpa[i] >= level && sa_kpa[i + 1] < level);
-        let start = up.map_or(time_ms[0], |i| crossing(time_ms, sa_kpa, i, level));
-        let end = down.map_or(time_ms[n - 1], |i| crossing(time_ms, sa_kpa, i, level));
-        (end - start, up.is_none() || down.is_none())
-    };
-    let durations = [0.7, 0.5, 0.1].map(duration);
-    Some(ActiveStressBiomarkers {
-        sa_max_kpa,
-        t_sa_max_ms: time_ms[peak],
-        dsadt_max_kpa_per_ms,
-        std30_ms: durations[0].0,
-        std50_ms: durations[1].0,
-        std90_ms: durations[2].0,
-        lambda_min: lambda.iter().fold(f64::INFINITY, |least, x| least.min(*x)),
-        sa_res_kpa: sa_kpa[0],
-        open_levels: durations.map(|d| d.1),
-    })
 }
 
 impl CellBeat {
@@ -112,18 +108,9 @@ impl CalciumBiomarkers {
     /// Durations of a sampled transient by linear interpolation, taken at its last sample where it does not decay so far.
     #[must_use]
     pub fn of_samples(time_ms: &[f64], ca_um: &[f64]) -> Option<Self> {
-        let n = ca_um.len();
-        if n < 2 || time_ms.len() != n || !ca_um.iter().all(|c| c.is_finite()) {
-            return None;
-        }
-        let peak = (0..n).fold(0, |best, i| if ca_um[i] > ca_um[best] { i } else { best });
-        let rest = ca_um[0];
-        let at = |fraction: f64| {
-            let level = rest + (1.0 - fraction) * (ca_um[peak] - rest);
-            let down = (peak..n - 1).find(|&i| ca_um[i] >= level && ca_um[i + 1] < level);
-            down.map_or(time_ms[n - 1], |i| crossing(time_ms, ca_um, i, level)) - time_ms[0]
-        };
-        Some(Self { ctd50_ms: at(0.5), ctd90_ms: at(0.9) })
+        let (activation, resting) = (Ms(*time_ms.first()?), MicroMolar(*ca_um.first()?));
+        let durations = CalciumDurations::of(time_ms, ca_um, resting, activation).ok()?;
+        Some(Self { ctd50_ms: durations.ctd50.0, ctd90_ms: durations.ctd90.0 })
     }
 }
 
@@ -174,6 +161,13 @@ mod tests {
     #[test]
     fn not_finite_is_none() {
         assert_eq!(active_stress_biomarkers(&[0.0, 1.0, 2.0], &[0.0, f64::NAN, 0.0], &[1.0; 3]), None);
+        assert_eq!(active_stress_biomarkers(&[0.0, 1.0, 2.0], &[0.0, 1.0, 0.0], &[1.0; 2]), None);
+    }
+
+    #[test]
+    fn no_stress_is_a_beat_with_open_levels() {
+        let b = active_stress_biomarkers(&[0.0, 1.0, 2.0], &[0.0; 3], &[1.0; 3]).unwrap();
+        assert_eq!((b.sa_max_kpa, b.std50_ms, b.open_levels), (0.0, 2.0, [true; 3]));
     }
 
     #[test]
