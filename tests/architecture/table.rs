@@ -51,7 +51,11 @@ pub const CRATES: &[Rule] = &[
 
 /// Rooms of the coordinator: the modules of `coordinator/src/lib.rs`, and the crates of ours that each may reach for.
 pub const ROOMS: &[Rule] = &[
-    Rule { who: "clock", may: &["schemas"], why: "one place reads the wall clock; machine and report get it as an argument" },
+    Rule {
+        who: "clock",
+        may: &["schemas"],
+        why: "one place reads the wall clock; machine and report get it as an argument",
+    },
     Rule { who: "machine", may: &["schemas"], why: "decisions are pure functions, tested without the world" },
     Rule {
         who: "dispatch",

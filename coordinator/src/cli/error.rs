@@ -3,8 +3,7 @@
 use std::path::PathBuf;
 
 use crate::engine::{EngineError, LockError, StoreError};
-use crate::export::ExportError;
-use crate::report::ReportError;
+use crate::results::WriteError;
 
 use super::exit::Exit;
 
@@ -19,10 +18,10 @@ pub enum CliError {
     Store(#[from] StoreError),
     /// Drawing the report.
     #[error("cannot write the report")]
-    Report(#[from] ReportError),
+    Report(#[source] WriteError),
     /// Writing tables.
     #[error("cannot export")]
-    Export(#[from] ExportError),
+    Export(#[source] WriteError),
     /// Problems that were printed one by one before.
     #[error("{errors} in the input; nothing was run (`cardiotwin check` looks again)")]
     Input {

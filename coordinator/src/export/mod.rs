@@ -5,33 +5,11 @@ mod paper;
 mod table;
 mod traces;
 
-use std::io;
 use std::path::{Path, PathBuf};
 
 use cardiotwin_schemas::record::RunRecord;
 
-use crate::results::atomic;
-
-/// An export that could not be written.
-#[derive(Debug, thiserror::Error)]
-pub enum ExportError {
-    /// The folder.
-    #[error("cannot create {folder}")]
-    Folder {
-        /// The folder.
-        folder: PathBuf,
-        /// The cause.
-        source: io::Error,
-    },
-    /// A file.
-    #[error("cannot write {file}")]
-    Write {
-        /// The file.
-        file: PathBuf,
-        /// The cause.
-        source: io::Error,
-    },
-}
+use crate::results::{WriteError, atomic};
 
 /// What was written.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -45,22 +23,20 @@ pub struct Exported {
 /// Writes tables and traces of a run into a folder, which is made where it is not there. What a patient lacks is empty.
 ///
 /// # Errors
-/// [`ExportError`]; each file is written atomically.
-pub fn export(run: &RunRecord, folder: &Path) -> Result<Exported, ExportError> {
-    std::fs::create_dir_all(folder).map_err(|source| ExportError::Folder { folder: folder.to_owned(), source })?;
+/// [`WriteError`]; each file is written atomically.
+pub fn export(run: &RunRecord, folder: &Path) -> Result<Exported, WriteError> {
+    std::fs::create_dir_all(folder).map_err(WriteError::folder(folder))?;
     let mut files = Vec::new();
     for table in [paper::table_1(run), paper::table_2(run), paper::table_a6(run), paper::table_a7(run)] {
         for (extension, text) in [("csv", table.csv()), ("json", table.json())] {
             let file = folder.join(format!("{}.{extension}", table.name));
-            atomic::write(&file, |out| out.write_all(text.as_bytes()))
-                .map_err(|source| ExportError::Write { file: file.clone(), source })?;
+            atomic::write(&file, |out| out.write_all(text.as_bytes())).map_err(WriteError::file(&file))?;
             files.push(file);
         }
     }
     let file = folder.join("traces.csv");
     let mut problems = Vec::new();
-    atomic::write(&file, |out| traces::write(run, out, &mut problems))
-        .map_err(|source| ExportError::Write { file: file.clone(), source })?;
+    atomic::write(&file, |out| traces::write(run, out, &mut problems)).map_err(WriteError::file(&file))?;
     files.push(file);
     Ok(Exported { files, problems })
 }

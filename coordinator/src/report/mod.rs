@@ -15,4 +15,4 @@ mod tables;
 mod write;
 
 pub use calcium_fit::calcium_fit_svg;
-pub use write::{ONE_FILE, ReportError, ReportPaths, write_report};
+pub use write::{ONE_FILE, ReportPaths, write_report};

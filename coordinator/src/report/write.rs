@@ -1,40 +1,18 @@
 //! Which files the report is made of.
 
 use std::collections::HashSet;
-use std::io;
 use std::path::{Path, PathBuf};
 
 use cardiotwin_schemas::record::{PatientRecord, RunRecord};
 use maud::{Markup, html};
 
 use super::{cohort, figures, page, patient};
-use crate::results::{Signals, atomic};
+use crate::results::{Signals, WriteError, atomic};
 
 /// Up to so many patients go into one file.
 pub const ONE_FILE: usize = 50;
 /// So many small pressure plots at most.
 const TILES: usize = 60;
-
-/// A report that could not be written.
-#[derive(Debug, thiserror::Error)]
-pub enum ReportError {
-    /// The folder for the patients' pages.
-    #[error("cannot create {folder} for the patients' pages")]
-    Folder {
-        /// The folder.
-        folder: PathBuf,
-        /// The cause.
-        source: io::Error,
-    },
-    /// A page.
-    #[error("cannot write {file}")]
-    Write {
-        /// The file.
-        file: PathBuf,
-        /// The cause.
-        source: io::Error,
-    },
-}
 
 /// What was written.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -49,12 +27,12 @@ pub struct ReportPaths {
 /// patients' pages in a folder beside it (`report-patients/`). Artefacts that cannot be read are named in the report.
 ///
 /// # Errors
-/// [`ReportError`] when a file cannot be written. Each file is written atomically, the index last.
-pub fn write_report(run: &RunRecord, out: &Path) -> Result<ReportPaths, ReportError> {
+/// [`WriteError`] when a file cannot be written. Each file is written atomically, the index last.
+pub fn write_report(run: &RunRecord, out: &Path) -> Result<ReportPaths, WriteError> {
     if run.patients.len() <= ONE_FILE { one_file(run, out) } else { index(run, out) }
 }
 
-fn one_file(run: &RunRecord, out: &Path) -> Result<ReportPaths, ReportError> {
+fn one_file(run: &RunRecord, out: &Path) -> Result<ReportPaths, WriteError> {
     let link = |p: &PatientRecord| format!("#p-{}", p.plan.id);
     let top = run.patients.iter().map(figures::top_pressure).fold(1.0, f64::max);
     let mut tiles = Vec::new();
@@ -75,11 +53,11 @@ fn one_file(run: &RunRecord, out: &Path) -> Result<ReportPaths, ReportError> {
     Ok(ReportPaths { main: out.to_owned(), patients: Vec::new() })
 }
 
-fn index(run: &RunRecord, out: &Path) -> Result<ReportPaths, ReportError> {
+fn index(run: &RunRecord, out: &Path) -> Result<ReportPaths, WriteError> {
     let stem = out.file_stem().unwrap_or_default().to_string_lossy();
     let folder_name = format!("{stem}-patients");
     let folder = out.with_file_name(&folder_name);
-    std::fs::create_dir_all(&folder).map_err(|source| ReportError::Folder { folder: folder.clone(), source })?;
+    std::fs::create_dir_all(&folder).map_err(WriteError::folder(&folder))?;
     let names: Vec<String> = file_names(&run.patients);
     let of: std::collections::HashMap<&str, &str> =
         std::iter::zip(&run.patients, &names).map(|(p, name)| (p.plan.id.as_str(), name.as_str())).collect();
@@ -127,9 +105,8 @@ fn overview(run: &RunRecord, link: cohort::Link, tiles: &[(String, String, Marku
     }
 }
 
-fn write(file: &Path, page: &Markup) -> Result<(), ReportError> {
-    atomic::replace(file, |out| out.write_all(page.0.as_bytes()))
-        .map_err(|source| ReportError::Write { file: file.to_owned(), source })
+fn write(file: &Path, page: &Markup) -> Result<(), WriteError> {
+    atomic::replace(file, |out| out.write_all(page.0.as_bytes())).map_err(WriteError::file(file))
 }
 
 /// Patients that one wants to see first: failures, then the largest costs of step 1; in the cohort's order.

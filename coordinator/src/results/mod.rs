@@ -5,6 +5,8 @@ pub mod atomic;
 pub mod columns;
 pub mod comparison;
 pub mod signals;
+mod write_error;
 
 pub use comparison::{Biomarker, MeanSd, PatientView, Step};
 pub use signals::{Signal, SignalKind, Signals, Source};
+pub use write_error::WriteError;

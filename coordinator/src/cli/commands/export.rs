@@ -29,7 +29,7 @@ pub async fn execute(args: &ExportArgs, talk: &Talk) -> Result<Exit, CliError> {
     let folders = args.place.folders();
     let record = open(&folders).await?.record().await?;
     let out = args.out.clone().unwrap_or_else(|| folders.run.join("export"));
-    let exported = export(&record, &out)?;
+    let exported = export(&record, &out).map_err(CliError::Export)?;
     exported.files.iter().try_for_each(|file| talk.data(&format!("{}\n", file.display())))?;
     exported.problems.iter().for_each(|problem| talk.say(&format!("warning: {problem}")));
     Ok(if exported.problems.is_empty() { Exit::Ok } else { Exit::Problems })

@@ -32,7 +32,7 @@ pub async fn execute(args: &ReportArgs, talk: &Talk) -> Result<Exit, CliError> {
     let folders = args.place.folders();
     let record = open(&folders).await?.record().await?;
     let out = args.out.clone().unwrap_or_else(|| folders.run.join(FILE));
-    let paths = write_report(&record, &out)?;
+    let paths = write_report(&record, &out).map_err(CliError::Report)?;
     talk.data(&format!("{}\n", paths.main.display()))?;
     Ok(Exit::Ok)
 }

@@ -162,7 +162,7 @@ async fn finish(
     talk.data(&summary::table(&record, talk))?;
     let mut report = String::new();
     if !args.no_report {
-        let paths = write_report(&record, &folders.run.join(FILE))?;
+        let paths = write_report(&record, &folders.run.join(FILE)).map_err(CliError::Report)?;
         report = format!("report: {}\n", paths.main.display());
     }
     let wall = duration(began.elapsed().as_secs_f64());
