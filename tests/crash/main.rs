@@ -4,8 +4,6 @@
 mod book;
 mod scene;
 
-use std::time::Duration;
-
 use rustix::process::Signal;
 
 use book::Book;
@@ -65,10 +63,12 @@ fn a_coordinator_killed_twice_at_any_point_is_continued() {
 
 #[test]
 fn a_killed_worker_is_tried_again_in_another_directory() {
-    let scene = Scene::new(1, 400, &worker());
+    let scene = Scene::new(1, 0, &worker());
+    scene.hold();
     let coordinator = scene.start();
     let claim = scene.wait_for_claim(&[]);
     scene::kill(claim.pid, Signal::KILL);
+    scene.release();
     let said = coordinator.end();
     assert!(said.ok, "{}", said.stderr);
     assert!(said.stderr.contains("killed by signal 9"), "{}", said.stderr);
@@ -80,7 +80,8 @@ fn a_killed_worker_is_tried_again_in_another_directory() {
 
 #[test]
 fn a_worker_that_is_killed_each_time_fails_its_patient_for_the_sites_sake() {
-    let scene = Scene::new(1, 60_000, &worker());
+    let scene = Scene::new(1, 0, &worker());
+    scene.hold();
     let coordinator = scene.start();
     let mut killed = Vec::new();
     for _ in 0..3 {
@@ -95,13 +96,16 @@ fn a_worker_that_is_killed_each_time_fails_its_patient_for_the_sites_sake() {
 
 #[test]
 fn a_worker_that_outlives_its_coordinator_is_adopted_and_publishes() {
-    let scene = Scene::new(1, 700, &worker());
+    let scene = Scene::new(1, 0, &worker());
+    scene.hold();
     let coordinator = scene.start();
     let claim = scene.wait_for_claim(&[]);
     coordinator.kill();
     assert!(scene::lives(claim.pid), "the worker must outlive its coordinator");
-    let said = scene.finish();
-    assert!(said.stderr.contains("adopted: 1"), "{}", said.stderr);
+    let mut second = scene.start();
+    second.wait_for_words("adopted: 1");
+    scene.release();
+    scene.finish_with(second);
     let book = Book::read(&scene);
     book.assert_sound();
     assert_eq!((scene.claims(), book.generations()), (3, vec![1, 1, 1]));
@@ -109,7 +113,8 @@ fn a_worker_that_outlives_its_coordinator_is_adopted_and_publishes() {
 
 #[test]
 fn a_worker_that_died_with_its_coordinator_is_tried_again_free_of_charge() {
-    let scene = Scene::new(1, 500, &worker());
+    let scene = Scene::new(1, 0, &worker());
+    scene.hold();
     let mut killed = Vec::new();
     // More often than failures of the site are forgiven.
     for _ in 0..4 {
@@ -119,6 +124,7 @@ fn a_worker_that_died_with_its_coordinator_is_tried_again_free_of_charge() {
         scene::kill(claim.pid, Signal::KILL);
         killed.push(claim.pid);
     }
+    scene.release();
     scene.finish();
     let book = Book::read(&scene);
     book.assert_sound();
@@ -128,16 +134,23 @@ fn a_worker_that_died_with_its_coordinator_is_tried_again_free_of_charge() {
 #[test]
 fn one_interrupt_finishes_what_is_short_and_two_stop_at_once() {
     for (interrupts, claims) in [(1, 3), (2, 4)] {
-        let scene = Scene::new(1, 800, &worker());
-        let coordinator = scene.start();
+        let scene = Scene::new(1, 0, &worker());
+        scene.hold();
+        let mut coordinator = scene.start();
         scene.wait_for_claim(&[]);
-        for _ in 0..interrupts {
-            coordinator.signal(Signal::INT);
-            std::thread::sleep(Duration::from_millis(50));
+        coordinator.signal(Signal::INT);
+        // Signals that come too close upon each other are one.
+        coordinator.wait_for_words("draining: true");
+        match interrupts {
+            1 => scene.release(),
+            _ => coordinator.signal(Signal::INT),
         }
         let said = coordinator.end();
         assert!(said.ok && said.stdout.contains(r#""unfinished":1"#), "{}\n{}", said.stdout, said.stderr);
         assert!(said.stdout.contains(&format!(r#""published":{}"#, 2 - interrupts)), "{}", said.stdout);
+        if interrupts == 2 {
+            scene.release();
+        }
         scene.finish();
         let book = Book::read(&scene);
         book.assert_sound();
@@ -147,11 +160,13 @@ fn one_interrupt_finishes_what_is_short_and_two_stop_at_once() {
 
 #[test]
 fn a_second_coordinator_is_told_who_works_there() {
-    let scene = Scene::new(1, 600, &worker());
+    let scene = Scene::new(1, 0, &worker());
+    scene.hold();
     let coordinator = scene.start();
     scene.wait_for_claim(&[]);
     let second = scene.start().end();
     assert!(!second.ok && second.stderr.contains(&format!("process {}", coordinator.pid())), "{}", second.stderr);
+    scene.release();
     assert!(coordinator.end().ok);
     Book::read(&scene).assert_sound();
 }

@@ -1,9 +1,11 @@
 //! A run directory, coordinators that are started and killed in it, and the claims that its workers leave.
 
 use std::fs;
+use std::io::{BufRead as _, BufReader, Read as _};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::sync::OnceLock;
+use std::sync::mpsc::{Receiver, channel};
 use std::time::{Duration, Instant};
 
 use cardiotwin_schemas::progress::Claim;
@@ -11,7 +13,8 @@ use rustix::process::{Pid, Signal};
 
 /// The coordinator's executable.
 pub const DRIVER: &str = env!("CARGO_BIN_EXE_crash-driver");
-const PATIENCE: Duration = Duration::from_secs(60);
+/// Far longer than a slow machine takes: reached only where something is wrong.
+const PATIENCE: Duration = Duration::from_secs(300);
 
 /// The worker's executable, of the present source: one that an earlier build left beside the driver may be any.
 pub fn worker() -> String {
@@ -63,6 +66,20 @@ impl Scene {
         self.dir.path().join("run")
     }
 
+    fn hold_file(&self) -> PathBuf {
+        self.dir.path().join("hold")
+    }
+
+    /// From now on no task ends by itself.
+    pub fn hold(&self) {
+        fs::write(self.hold_file(), "").expect("a file can be made");
+    }
+
+    /// Tasks end again.
+    pub fn release(&self) {
+        fs::remove_file(self.hold_file()).expect("tasks are held");
+    }
+
     fn command(&self) -> Command {
         let mut command = Command::new(DRIVER);
         command
@@ -70,6 +87,7 @@ impl Scene {
             .args([self.patients.to_string(), self.sleep_ms.to_string(), "2".to_owned()])
             .arg(&self.executor)
             .env_remove("CARDIOTWIN_CRASH_POINT")
+            .env("CARDIOTWIN_NOOP_HOLD", self.hold_file())
             .stdout(Stdio::piped())
             .stderr(Stdio::piped());
         command
@@ -77,12 +95,21 @@ impl Scene {
 
     /// A coordinator that is left to run.
     pub fn start(&self) -> Coordinator {
-        Coordinator { child: self.command().spawn().expect("the driver starts") }
+        let mut child = self.command().spawn().expect("the driver starts");
+        let stderr = BufReader::new(child.stderr.take().expect("a pipe"));
+        let (tell, lines) = channel();
+        std::thread::spawn(move || stderr.lines().map_while(Result::ok).try_for_each(|line| tell.send(line)));
+        Coordinator { child, lines, heard: String::new() }
     }
 
     /// A coordinator that must get to the end.
     pub fn finish(&self) -> Said {
-        let said = self.start().end();
+        self.finish_with(self.start())
+    }
+
+    /// This one must get to the end.
+    pub fn finish_with(&self, coordinator: Coordinator) -> Said {
+        let said = coordinator.end();
         let done = format!(r#"{{"done":{},"failed":0,"unfinished":0"#, self.patients);
         assert!(said.ok && said.stdout.starts_with(&done), "{}\n{}", said.stdout, said.stderr);
         said
@@ -130,6 +157,9 @@ impl Scene {
 /// A coordinator at work.
 pub struct Coordinator {
     child: Child,
+    /// Its stderr, line by line.
+    lines: Receiver<String>,
+    heard: String,
 }
 
 impl Coordinator {
@@ -141,6 +171,17 @@ impl Coordinator {
         kill(self.child.id(), signal);
     }
 
+    /// Waits until it has said these words.
+    pub fn wait_for_words(&mut self, words: &str) {
+        while !self.heard.contains(words) {
+            let Ok(line) = self.lines.recv_timeout(PATIENCE) else {
+                panic!("never heard {words:?} in\n{}", self.heard)
+            };
+            self.heard += &line;
+            self.heard.push('\n');
+        }
+    }
+
     /// SIGKILL, and waits until it is gone.
     pub fn kill(mut self) {
         self.child.kill().expect("our own child can be killed");
@@ -148,13 +189,14 @@ impl Coordinator {
     }
 
     /// Waits for its end.
-    pub fn end(self) -> Said {
-        let output = self.child.wait_with_output().expect("our own child can be waited for");
-        Said {
-            ok: output.status.success(),
-            stdout: String::from_utf8_lossy(&output.stdout).into_owned(),
-            stderr: String::from_utf8_lossy(&output.stderr).into_owned(),
-        }
+    pub fn end(mut self) -> Said {
+        let mut stdout = String::new();
+        // One line, at its end: the pipe cannot fill up.
+        let pipe = self.child.stdout.as_mut().expect("a pipe");
+        pipe.read_to_string(&mut stdout).expect("our own child says text");
+        let ok = self.child.wait().expect("our own child can be waited for").success();
+        let rest: String = self.lines.iter().map(|line| line + "\n").collect();
+        Said { ok, stdout, stderr: self.heard + &rest }
     }
 }
 

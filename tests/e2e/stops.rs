@@ -19,10 +19,10 @@ fn goes_on(cohort: &Cohort) {
     }
 }
 
-fn stop_in_step_2(cohort: &Cohort, how: impl FnOnce(&Running)) -> crate::support::Said {
-    let running = cohort.start(&["--no-report", "--workers", "1"]);
+fn stop_in_step_2(cohort: &Cohort, how: impl FnOnce(&mut Running)) -> crate::support::Said {
+    let mut running = cohort.start(&["--no-report", "--workers", "1"]);
     cohort.wait_for_step("step-2");
-    how(&running);
+    how(&mut running);
     running.end()
 }
 
@@ -31,7 +31,8 @@ fn two_interrupts_stop_now_and_the_same_command_goes_on() {
     let cohort = Cohort::slow();
     let said = stop_in_step_2(&cohort, |running| {
         running.signal(Signal::INT);
-        std::thread::sleep(std::time::Duration::from_millis(300));
+        // Signals that come too close upon each other are one.
+        running.wait_for_words("Ctrl-C again stops now");
         running.signal(Signal::INT);
     });
     let said = said.expect(130);

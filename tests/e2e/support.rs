@@ -1,7 +1,9 @@
 //! A small cohort in a temporary folder, and the program called on it.
 
+use std::io::{BufRead as _, BufReader, Read as _};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
+use std::sync::mpsc::{Receiver, channel};
 use std::time::{Duration, Instant};
 
 use serde_json::Value;
@@ -22,6 +24,9 @@ pub fn binary(name: &str) -> PathBuf {
     assert!(path.is_file(), "{} is not there: `cargo build --release --workspace --bins` first", path.display());
     path
 }
+
+/// Far longer than a slow machine takes: reached only where something is wrong.
+const PATIENCE: Duration = Duration::from_secs(600);
 
 /// What a call said, and how it ended.
 #[derive(Debug)]
@@ -130,12 +135,15 @@ impl Cohort {
     pub fn start(&self, arguments: &[&str]) -> Running {
         let mut all = vec!["run"];
         all.extend(arguments);
-        let child = command(self.path(), &all)
+        let mut child = command(self.path(), &all)
             .stdout(Stdio::piped())
             .stderr(Stdio::piped())
             .spawn()
             .expect("the program starts");
-        Running { child }
+        let stderr = BufReader::new(child.stderr.take().expect("a pipe"));
+        let (tell, lines) = channel();
+        std::thread::spawn(move || stderr.lines().map_while(Result::ok).try_for_each(|line| tell.send(line)));
+        Running { child, lines, heard: String::new() }
     }
 
     /// Replaces a text in a file of the cohort.
@@ -163,7 +171,7 @@ impl Cohort {
             {
                 return status;
             }
-            assert!(began.elapsed() < Duration::from_secs(120), "never saw {what}; last:\n{}{}", said.out, said.err);
+            assert!(began.elapsed() < PATIENCE, "never saw {what}; last:\n{}{}", said.out, said.err);
             std::thread::sleep(Duration::from_millis(50));
         }
     }
@@ -184,6 +192,9 @@ impl Cohort {
 /// A coordinator that runs beside the test. Killed if the test ends before it does.
 pub struct Running {
     child: Child,
+    /// Its stderr, line by line.
+    lines: Receiver<String>,
+    heard: String,
 }
 
 impl Running {
@@ -198,15 +209,25 @@ impl Running {
         self.child.id()
     }
 
+    /// Waits until it has said these words on stderr.
+    #[track_caller]
+    pub fn wait_for_words(&mut self, words: &str) {
+        while !self.heard.contains(words) {
+            let Ok(line) = self.lines.recv_timeout(PATIENCE) else {
+                panic!("never heard {words:?} in\n{}", self.heard)
+            };
+            self.heard += &line;
+            self.heard.push('\n');
+        }
+    }
+
     /// Waits for its end.
     pub fn end(mut self) -> Said {
-        use std::io::Read as _;
-        let (mut out, mut err) = (String::new(), String::new());
-        // The program says little: neither pipe can fill up while the other is read.
+        let mut out = String::new();
         self.child.stdout.take().unwrap().read_to_string(&mut out).unwrap();
-        self.child.stderr.take().unwrap().read_to_string(&mut err).unwrap();
         let code = self.child.wait().unwrap().code().unwrap_or(-1);
-        Said { code, out, err }
+        let rest: String = self.lines.iter().map(|line| line + "\n").collect();
+        Said { code, out, err: format!("{}{rest}", self.heard) }
     }
 }
 

@@ -89,7 +89,7 @@ impl Browser {
             .stderr(create(&err))
             .spawn()
             .expect("the browser starts");
-        let deadline = Instant::now() + Duration::from_secs(180);
+        let deadline = Instant::now() + Duration::from_secs(600);
         let ended = loop {
             match child.try_wait().expect("a child can be waited for") {
                 Some(status) => break Some(status),
