@@ -134,7 +134,10 @@ fn a_killed_fit_is_continued_by_the_next_generation() {
     let killed = attempt_directory(root.path(), &fit(endless), 1, 1);
     let mut child = spawn(&killed);
     let checkpoint = killed.join("checkpoint/told-costs");
-    wait_for(|| fs::metadata(&checkpoint).is_ok_and(|file| file.len() > 5_000));
+    wait_for(|| {
+        assert!(child.try_wait().unwrap().is_none(), "it ended by itself");
+        fs::metadata(&checkpoint).is_ok_and(|file| file.len() > 5_000)
+    });
     child.kill().unwrap();
     child.wait().unwrap();
     assert!(!killed.join("outcome.json").exists());
@@ -189,7 +192,7 @@ fn spawn(directory: &Path) -> Child {
     command.arg("run").arg(directory).stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap()
 }
 
-fn wait_for(condition: impl Fn() -> bool) {
+fn wait_for(mut condition: impl FnMut() -> bool) {
     let begin = Instant::now();
     while !condition() {
         assert!(begin.elapsed() < Duration::from_secs(300), "nothing happened");

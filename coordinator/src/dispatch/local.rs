@@ -25,7 +25,7 @@ const LOOK_EVERY: Duration = Duration::from_millis(50);
 /// How long a worker may take to leave after SIGTERM.
 const GRACE: Duration = Duration::from_secs(2);
 /// A claim that stays unreadable for so long was cut off by the end of its writer.
-const CLAIM_GRACE: Duration = Duration::from_secs(1);
+const CLAIM_GRACE: Duration = Duration::from_secs(5);
 /// The worker's answer when another process holds the claim.
 const EXIT_CLAIMED: i32 = 3;
 

@@ -67,11 +67,12 @@ impl RunLock {
         let io = |source| LockError::Io { file: path.clone(), source };
         let mut file =
             OpenOptions::new().read(true).write(true).create(true).truncate(false).open(&path).map_err(io)?;
-        // Readers take the lock shared for an instant to see whether a coordinator runs: so several tries.
         for attempt in 0.. {
             match file.try_lock() {
                 Ok(()) => break,
-                Err(TryLockError::WouldBlock) if attempt < 20 => std::thread::sleep(Duration::from_millis(10)),
+                Err(TryLockError::WouldBlock) if attempt < 20 || (attempt < 1000 && only_readers_hold(&file)) => {
+                    std::thread::sleep(Duration::from_millis(10));
+                }
                 Err(TryLockError::WouldBlock) => {
                     let holder = read_holder(&mut file).unwrap_or_else(unnamed);
                     return Err(LockError::Held { dir: dir.to_owned(), holder });
@@ -86,6 +87,12 @@ impl RunLock {
         file.write_all(text.as_bytes()).map_err(io)?;
         Ok(Self { _file: file })
     }
+}
+
+/// Readers take the lock shared for an instant to see whether a coordinator runs, and on a busy machine an instant may be
+/// long; what excludes sharing, too, is a coordinator's.
+fn only_readers_hold(file: &File) -> bool {
+    file.try_lock_shared().is_ok() && file.unlock().is_ok()
 }
 
 /// Whether a coordinator holds the run now.
@@ -126,5 +133,19 @@ mod tests {
         drop(first);
         assert!(!is_held(dir.path()));
         RunLock::acquire(dir.path()).unwrap();
+    }
+
+    #[test]
+    fn a_slow_reader_is_waited_for() {
+        let dir = tempfile::tempdir().unwrap();
+        drop(RunLock::acquire(dir.path()).unwrap());
+        let reader = File::open(dir.path().join(LOCK_FILE)).unwrap();
+        reader.lock_shared().unwrap();
+        let slow = std::thread::spawn(move || {
+            std::thread::sleep(Duration::from_millis(400));
+            drop(reader);
+        });
+        RunLock::acquire(dir.path()).unwrap();
+        slow.join().unwrap();
     }
 }
