@@ -12,10 +12,10 @@ BIN := $(if $(CARGO_TARGET_DIR),$(CARGO_TARGET_DIR),target)/release
 # The whole workspace is always selected, so that demo, tests and benchmarks share one set of compiled dependencies.
 BUILD := $(CARGO) build --release --locked --workspace --bins
 
-.PHONY: help deps deps-demo build demo test bench clean-run
+.PHONY: help deps deps-demo build demo test bench work-precision clean-run
 
 help: ## print this list
-	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "  make %-10s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "  make %-15s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
 deps: ## install what build and tests need and this machine lacks (Debian, with root or sudo); says what
 	@deploy/deps.sh test
@@ -39,6 +39,12 @@ bench: build ## measure the figures of docs/benchmarks.md on this machine (minut
 	$(BIN)/cardiotwin bench orchestration
 	$(BIN)/cardiotwin bench orchestration --spawn
 	$(BIN)/cardiotwin bench orchestration --kill
+
+PYTHON_ENV := $(if $(CARGO_TARGET_DIR),$(CARGO_TARGET_DIR),target)/work-precision-env
+work-precision: ## measure and draw docs/images/work-precision.svg beside SciPy's solvers (minutes, Python 3.11 or newer)
+	test -x $(PYTHON_ENV)/bin/python || python3 -m venv $(PYTHON_ENV)
+	$(PYTHON_ENV)/bin/pip install --quiet --requirement solver/cell-engine/reference/requirements.txt
+	PYTHONDONTWRITEBYTECODE=1 $(PYTHON_ENV)/bin/python -W ignore solver/cell-engine/reference/work_precision.py
 
 clean-run: ## forget the results of the bundled cohort, so that `make demo` starts anew
 	rm -rf -- $(COHORT)/run

@@ -1,5 +1,6 @@
 //! Work and precision: processor time per evaluation against the error of the beat, at several tolerances, on one core.
 //! The reference of each cell is its own beat at tolerance 1e-9 (that one is within 4e-6 kPa of SciPy's on the stored sets).
+//! With `--csv` the stored sets alone, against the stored beats, for `reference/work_precision.py`.
 
 #[path = "../tests/common/mod.rs"]
 mod common;
@@ -43,7 +44,34 @@ fn largest(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(x, y)| (x - y).abs()).fold(0.0, f64::max)
 }
 
+const TOLERANCES: [f64; 7] = [3e-3, 1e-3, 3e-4, 1e-4, 3e-5, 1e-5, 1e-6];
+
+/// Errors against the stored beats, a row for each tolerance.
+fn csv() {
+    let references = references();
+    let cells: Vec<CellInput> = references.iter().map(|r| r.input).collect();
+    println!("solver,right_hand_side,tolerance,us_per_cell,steps_per_beat,beats,error_median_kPa,error_largest_kPa");
+    for tolerance in TOLERANCES {
+        let (outputs, traces) = beats(&cells, tolerance);
+        let mut sa: Vec<f64> = traces.iter().zip(&references).map(|(t, r)| largest(&t.sa_kpa, &r.sa_kpa)).collect();
+        sa.sort_by(f64::total_cmp);
+        let sum = |f: &dyn Fn(&CellOutput) -> u32| outputs.iter().map(|o| f64::from(f(o))).sum::<f64>();
+        let (steps, n_beats) = (sum(&|o| o.steps + o.steps_refused), sum(&|o| o.beats));
+        println!(
+            "cell engine,compiled,{tolerance:.0e},{:.1},{:.0},{:.2},{:.1e},{:.1e}",
+            microseconds(&cells, tolerance),
+            steps / n_beats,
+            n_beats / cells.len() as f64,
+            sa[sa.len() / 2],
+            sa[sa.len() - 1],
+        );
+    }
+}
+
 fn main() {
+    if std::env::args().any(|argument| argument == "--csv") {
+        return csv();
+    }
     println!("instructions: {:?}", SimdPath::best());
     let stored: Vec<_> = references().iter().map(|r| r.input).collect();
     let boxes =
@@ -54,7 +82,7 @@ fn main() {
     println!("| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |");
     for (name, cells) in &boxes {
         let (_, exact) = beats(cells, 1e-9);
-        for tolerance in [3e-3, 1e-3, 3e-4, 1e-4, 3e-5, 1e-5, 1e-6] {
+        for tolerance in TOLERANCES {
             let (outputs, traces) = beats(cells, tolerance);
             let mut sa: Vec<f64> = traces.iter().zip(&exact).map(|(a, b)| largest(&a.sa_kpa, &b.sa_kpa)).collect();
             let lambda = traces.iter().zip(&exact).map(|(a, b)| largest(&a.lambda, &b.lambda)).fold(0.0, f64::max);

@@ -3,7 +3,7 @@
 //!
 //! The form is that of their code: stages u_i solve (M/(hγ) − J) u_i = f(x + Σ a_ij u_j) + M Σ (c_ij/h) u_j + h d_i f_t.
 //! Stage 6 takes stage 5's arguments plus u_5, and the new state stage 6's plus u_6; u_6 is the error estimate.
-//! The coefficients are checked by the order of convergence that the engine shows (`tests/convergence.rs`).
+//! The coefficients are checked by the order of convergence that the engine shows (`fourth_order_in_states_and_stretch` in `step.rs`).
 
 /// γ.
 pub const GAMMA: f64 = 0.25;
