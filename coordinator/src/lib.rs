@@ -9,3 +9,4 @@ pub mod machine;
 pub mod report;
 pub mod results;
 pub mod store;
+pub mod sweep;

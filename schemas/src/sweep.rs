@@ -71,6 +71,12 @@ pub struct CellDesign {
     pub tolerance: f64,
 }
 
+/// First line of `samples.csv`, a chunk's artefact: a line a sample follows, in the design's order. Block and row count
+/// from 0; `cut` says that a duration lacks a crossing of its level within the beat; the rise is the steepest one after
+/// the maximum. Numbers read back without a change; a sample without a result leaves them empty.
+pub const SAMPLES_HEADING: &str = "block,row,status,Sa_max_kPa,dSadt_max_kPa_per_ms,STD30_ms,STD50_ms,STD90_ms,cut,\
+                                   lambda_min,Sa_res_kPa,Sa_min_kPa,rise_after_peak_kPa_per_ms,beats";
+
 /// A parameter and the interval that it is drawn from, in the unit that its name says.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
@@ -118,6 +124,6 @@ pub struct ExclusionRule {
 
 impl Default for ExclusionRule {
     fn default() -> Self {
-        Self { resting_share: 0.1, rise_after_peak_kpa_per_ms: 3e-5, negative_stress_kpa: 1e-6 }
+        Self { resting_share: 0.1, rise_after_peak_kpa_per_ms: 3e-5, negative_stress_kpa: 1e-4 }
     }
 }

@@ -72,13 +72,20 @@ pub const ROOMS: &[Rule] = &[
     Rule { who: "report", may: &["schemas", "units", "results"], why: "HTML in one place; records in, files out" },
     Rule { who: "export", may: &["schemas", "units", "results"], why: "tables in one place; records in, files out" },
     Rule {
+        who: "sweep",
+        may: &["schemas", "calibrate", "results"],
+        why: "a sweep's specification to members, outcomes to statistics; running them is the engine's",
+    },
+    Rule {
         who: "engine",
         may: &["schemas", "machine", "store", "dispatch", "calibrate", "clock"],
         why: "observe, decide, commit, act: the only room that sees both decisions and world",
     },
     Rule {
         who: "cli",
-        may: &["engine", "report", "export", "results", "input", "schemas", "signals", "units", "calibrate", "clock"],
+        may: &[
+            "engine", "sweep", "report", "export", "results", "input", "schemas", "signals", "units", "calibrate", "clock",
+        ],
         why: "words and tables for people; no SQL among the commands",
     },
 ];

@@ -9,3 +9,4 @@ mod runs;
 mod schema;
 mod stops;
 mod support;
+mod sweeps;

@@ -79,6 +79,16 @@ fn command(folder: &Path, arguments: &[&str]) -> Command {
     command
 }
 
+/// Starts `cardiotwin` in a folder and leaves it running.
+pub fn start(folder: &Path, arguments: &[&str]) -> Running {
+    let mut child =
+        command(folder, arguments).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("the program starts");
+    let stderr = BufReader::new(child.stderr.take().expect("a pipe"));
+    let (tell, lines) = channel();
+    std::thread::spawn(move || stderr.lines().map_while(Result::ok).try_for_each(|line| tell.send(line)));
+    Running { child, lines, heard: String::new() }
+}
+
 /// A cohort of two patients.
 pub struct Cohort {
     folder: TempDir,
@@ -135,15 +145,7 @@ impl Cohort {
     pub fn start(&self, arguments: &[&str]) -> Running {
         let mut all = vec!["run"];
         all.extend(arguments);
-        let mut child = command(self.path(), &all)
-            .stdout(Stdio::piped())
-            .stderr(Stdio::piped())
-            .spawn()
-            .expect("the program starts");
-        let stderr = BufReader::new(child.stderr.take().expect("a pipe"));
-        let (tell, lines) = channel();
-        std::thread::spawn(move || stderr.lines().map_while(Result::ok).try_for_each(|line| tell.send(line)));
-        Running { child, lines, heard: String::new() }
+        start(self.path(), &all)
     }
 
     /// Replaces a text in a file of the cohort.

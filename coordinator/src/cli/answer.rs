@@ -14,7 +14,7 @@ pub fn tell(answer: &Answer, go_on: Option<&Folders>, talk: &Talk) -> Result<(),
         Answer::Applied { changes } => {
             changes.iter().try_for_each(|change| talk.data(&format!("{change}\n")))?;
             if let Some(folders) = go_on {
-                talk.hint(&format!("`cardiotwin run{}` goes on", folders.as_argument("")));
+                talk.hint(&format!("{} goes on", folders.run_command()));
             }
         }
         Answer::Asked { holder } => {

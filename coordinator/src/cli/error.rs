@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use crate::engine::{EngineError, LockError, StoreError};
 use crate::results::WriteError;
+use crate::sweep::SweepError;
 
 use super::exit::Exit;
 
@@ -22,6 +23,9 @@ pub enum CliError {
     /// Writing tables.
     #[error("cannot export")]
     Export(#[source] WriteError),
+    /// Making, going on with or analysing a sweep.
+    #[error(transparent)]
+    Sweep(#[from] SweepError),
     /// Problems that were printed one by one before.
     #[error("{errors} in the input; nothing was run (`cardiotwin check` looks again)")]
     Input {
@@ -87,6 +91,7 @@ impl CliError {
             Self::Engine(EngineError::NoSpace { .. } | EngineError::Plan { .. }) => Exit::Store,
             Self::Engine(EngineError::Transition(_)) => Exit::Bug,
             Self::Engine(EngineError::Request { .. }) | Self::Usage(_) => Exit::Usage,
+            Self::Sweep(error) => sweep_exit(error),
             Self::Input { .. } | Self::Trace { .. } => Exit::Input,
             Self::Simulation { .. } => Exit::Problems,
             Self::Engine(_)
@@ -96,6 +101,18 @@ impl CliError {
             | Self::Worker { .. }
             | Self::Io { .. } => Exit::System,
         }
+    }
+}
+
+fn sweep_exit(error: &SweepError) -> Exit {
+    match error {
+        SweepError::Occupied { .. }
+        | SweepError::NoSweep { .. }
+        | SweepError::Changed { .. }
+        | SweepError::Setting { .. } => Exit::Usage,
+        SweepError::Format { .. } | SweepError::Samples { .. } => Exit::Store,
+        SweepError::Sobol(_) | SweepError::TooEarly { .. } => Exit::Problems,
+        SweepError::File { .. } => Exit::System,
     }
 }
 

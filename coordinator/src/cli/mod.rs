@@ -25,7 +25,7 @@ pub use exit::Exit;
 
 use commands::{
     bench, cancel, check, compare, completions, config, explain, export, fit, init, logs, man, report, rerun, retry,
-    run, schemas, show, simulate, status,
+    run, schemas, show, simulate, status, sweep,
 };
 use logging::LogFormat;
 use talk::{ColourChoice, Talk};
@@ -75,6 +75,7 @@ enum Command {
     Report(report::ReportArgs),
     Export(export::ExportArgs),
     Fit(fit::FitArgs),
+    Sweep(Box<sweep::SweepArgs>),
     Bench(bench::BenchArgs),
     Completions(completions::CompletionsArgs),
     Man(man::ManArgs),
@@ -128,6 +129,7 @@ async fn execute(command: &Command, talk: &Talk) -> Result<Exit, CliError> {
         Command::Report(args) => report::execute(args, talk).await,
         Command::Export(args) => export::execute(args, talk).await,
         Command::Fit(args) => fit::execute(args, talk),
+        Command::Sweep(args) => sweep::execute(args, talk).await,
         Command::Bench(args) => bench::execute(args, talk).await,
         Command::Completions(args) => completions::execute(args, talk),
         Command::Man(args) => man::execute(args, talk),

@@ -4,6 +4,9 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 
+use super::error::CliError;
+use crate::sweep::folder;
+
 /// A cohort or run as the first argument.
 #[derive(Debug, Clone, Args)]
 pub struct Place {
@@ -52,6 +55,30 @@ impl Folders {
             None if folder == Path::new(".") => Self { cohort: Some(folder.to_owned()), run: PathBuf::from("run") },
             None => Self { cohort: Some(folder.to_owned()), run: folder.join("run") },
         }
+    }
+
+    /// The command that goes on here.
+    #[must_use]
+    pub fn run_command(&self) -> String {
+        match folder::find(&self.run) {
+            Ok(Some(file)) => format!("`cardiotwin sweep {} --out {}`", file.sweep.kind(), self.run.display()),
+            _ => format!("`cardiotwin run{}`", self.as_argument("")),
+        }
+    }
+
+    /// Refuses the folder of a sweep to a command that makes no sense there.
+    ///
+    /// # Errors
+    /// [`CliError::Usage`] with the command that does.
+    pub fn refuse_sweep(&self, instead: &str) -> Result<(), CliError> {
+        if folder::find(&self.run)?.is_none() {
+            return Ok(());
+        }
+        let folder = self.run.display();
+        Err(CliError::Usage(format!(
+            "{folder} is a sweep, not the run of a cohort: {}",
+            instead.replace("DIR", &folder.to_string())
+        )))
     }
 
     /// How to name this place to another command: ` my-cohort`, nothing for the current directory.

@@ -13,6 +13,7 @@ use crate::engine::{EngineEvent, PatientEnding};
 /// Shows engine events as they come.
 pub struct Watcher {
     talk: Talk,
+    members: &'static str,
     bars: Option<Bars>,
 }
 
@@ -23,23 +24,24 @@ struct Bars {
 }
 
 impl Watcher {
-    /// A watcher for this terminal, or the lack of one.
+    /// A watcher for this terminal, or the lack of one; `members` is what the run consists of, in the plural.
     #[must_use]
-    pub fn new(talk: &Talk) -> Self {
+    pub fn new(talk: &Talk, members: &'static str) -> Self {
         let bars = talk.bars.then(|| {
             let all = MultiProgress::new();
             let overall = all.add(ProgressBar::new(0));
-            overall.set_style(style("{elapsed_precise} [{bar:30}] {pos}/{len} patients {wide_msg}"));
+            overall
+                .set_style(style(&format!("{{elapsed_precise}} [{{bar:30}}] {{pos}}/{{len}} {members} {{wide_msg}}")));
             overall.enable_steady_tick(Duration::from_millis(250));
             Bars { all, overall, patients: BTreeMap::new() }
         });
-        Self { talk: *talk, bars }
+        Self { talk: *talk, members, bars }
     }
 
     /// Shows one event; `instead` replaces its line.
     pub fn on(&mut self, event: &EngineEvent, instead: Option<&str>) {
         event_log::log(event);
-        let text = instead.map(str::to_owned).or_else(|| line(event, self.talk.colour_err));
+        let text = instead.map(str::to_owned).or_else(|| line(event, self.members, self.talk.colour_err));
         if let Some(text) = text {
             self.say(text.trim_end());
         }
@@ -113,7 +115,7 @@ fn style(template: &str) -> ProgressStyle {
 
 /// An event as a line, where it deserves one.
 #[must_use]
-pub fn line(event: &EngineEvent, colour: bool) -> Option<String> {
+pub fn line(event: &EngineEvent, members: &str, colour: bool) -> Option<String> {
     Some(match event {
         EngineEvent::Started { settled: 0, adopted: 0, .. } => return None,
         EngineEvent::Started { patients, settled, adopted } => {
@@ -121,7 +123,7 @@ pub fn line(event: &EngineEvent, colour: bool) -> Option<String> {
                 0 => String::new(),
                 n => format!("; {n} still running from an earlier coordinator, adopted"),
             };
-            format!("{settled} of {patients} patients are over already{adopted}")
+            format!("{settled} of {patients} {members} are over already{adopted}")
         }
         EngineEvent::TaskPublished { patient, step, note } => format!("{patient}  {}  {note}", spaced(step)),
         EngineEvent::AttemptFailed { patient, step, generation, failure, retried } => {
@@ -171,7 +173,7 @@ mod tests {
             step: "step-1 iteration 3".into(),
             note: "cost 0.082".into(),
         };
-        assert_eq!(line(&published, false).unwrap(), "01-CoA  step-1  iteration 3  cost 0.082");
+        assert_eq!(line(&published, "patients", false).unwrap(), "01-CoA  step-1  iteration 3  cost 0.082");
         let failed = EngineEvent::AttemptFailed {
             patient: "04-CoA".into(),
             step: "step-2".into(),
@@ -180,10 +182,10 @@ mod tests {
             retried: true,
         };
         assert_eq!(
-            line(&failed, false).unwrap(),
+            line(&failed, "patients", false).unwrap(),
             "04-CoA  step-2  try 1 failed [site]: worker killed by signal 9; it is tried again"
         );
         let stop = EngineEvent::Stopping { running: 2, draining: true };
-        assert!(line(&stop, false).unwrap().contains("the same command goes on"));
+        assert!(line(&stop, "patients", false).unwrap().contains("the same command goes on"));
     }
 }

@@ -180,7 +180,7 @@ pub async fn rerun(
     from: Stage,
     overrides: &SettingsLayer,
 ) -> Result<Answer, EngineError> {
-    ask(run_dir, Request::Rerun { patient: patient.clone(), from, overrides: overrides.clone() }).await
+    ask(run_dir, &[Request::Rerun { patient: patient.clone(), from, overrides: overrides.clone() }]).await
 }
 
 /// Opens the failed tasks of a patient for another try with the same settings; a cancelled patient goes on.
@@ -188,7 +188,16 @@ pub async fn rerun(
 /// # Errors
 /// [`EngineError::Request`] where nothing failed; the store's errors.
 pub async fn retry(run_dir: &Path, patient: &PatientId) -> Result<Answer, EngineError> {
-    ask(run_dir, Request::Retry { patient: patient.clone() }).await
+    retry_all(run_dir, std::slice::from_ref(patient)).await
+}
+
+/// [`retry`] for several patients, in one commit.
+///
+/// # Errors
+/// As [`retry`], and then for none of them.
+pub async fn retry_all(run_dir: &Path, patients: &[PatientId]) -> Result<Answer, EngineError> {
+    let requests: Vec<Request> = patients.iter().map(|patient| Request::Retry { patient: patient.clone() }).collect();
+    ask(run_dir, &requests).await
 }
 
 /// Ends a patient's chain; `None`: those of all patients. What is published stays.
@@ -196,15 +205,15 @@ pub async fn retry(run_dir: &Path, patient: &PatientId) -> Result<Answer, Engine
 /// # Errors
 /// [`EngineError::Request`] for an unknown patient; the store's errors.
 pub async fn cancel(run_dir: &Path, patient: Option<&PatientId>) -> Result<Answer, EngineError> {
-    ask(run_dir, Request::Cancel { patient: patient.cloned() }).await
+    ask(run_dir, &[Request::Cancel { patient: patient.cloned() }]).await
 }
 
-/// Makes a change where no coordinator runs, and asks the one that does.
-async fn ask(run_dir: &Path, request: Request) -> Result<Answer, EngineError> {
+/// Makes changes where no coordinator runs, and asks the one that does.
+async fn ask(run_dir: &Path, requests: &[Request]) -> Result<Answer, EngineError> {
     // A run that is not there, or no patient of that name, is said at once, whoever would make the change.
     let reader = Reader::open(run_dir).await?;
-    if let Request::Rerun { patient, .. } | Request::Retry { patient } | Request::Cancel { patient: Some(patient) } =
-        &request
+    if let [Request::Rerun { patient, .. } | Request::Retry { patient } | Request::Cancel { patient: Some(patient) }] =
+        requests
     {
         reader.patient_record(patient).await?;
     }
@@ -212,7 +221,7 @@ async fn ask(run_dir: &Path, request: Request) -> Result<Answer, EngineError> {
     let (_lock, run_dir) = match enter(run_dir) {
         Ok(entered) => entered,
         Err(EngineError::Lock(LockError::Held { holder, .. })) => {
-            requests::put(run_dir, &request)?;
+            requests.iter().try_for_each(|request| requests::put(run_dir, request))?;
             return Ok(Answer::Asked { holder });
         }
         Err(error) => return Err(error),
@@ -222,7 +231,11 @@ async fn ask(run_dir: &Path, request: Request) -> Result<Answer, EngineError> {
     for i in 0..world.patients.len() {
         world.await_present_task(i);
     }
-    let changes = Decider::default().request(&mut world, &request)?;
+    let mut decider = Decider::default();
+    let mut changes = Vec::new();
+    for request in requests {
+        changes.extend(decider.request(&mut world, request)?);
+    }
     writer.commit(&mut world.flush()).await?;
     // Workers that outlived their coordinator and are not wanted any more are ended now, not at the next run.
     let mut local = Local::new(PathBuf::new(), 0);

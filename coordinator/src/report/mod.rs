@@ -11,6 +11,7 @@ mod page;
 mod patient;
 mod plot;
 mod provenance;
+pub mod sensitivity;
 mod tables;
 mod write;
 

@@ -3,8 +3,7 @@
 //! A sample's numbers depend on its own parameters alone, so they are the same however the design is cut into chunks and
 //! on however many threads a chunk is computed.
 //!
-//! Artefact: `samples.csv`, one line a sample in the design's order ([`COLUMNS`]). Numbers are written so that they are
-//! read back without a change; a sample without a result leaves them empty.
+//! Artefact: `samples.csv`, one line a sample in the design's order, columns as in [`SAMPLES_HEADING`].
 
 use std::fmt::Write as _;
 
@@ -15,16 +14,13 @@ use cardiotwin_cell_engine::{
 };
 use cardiotwin_schemas::outcome::{CellSweepResult, TaskResult};
 use cardiotwin_schemas::settings::InstructionSet;
+use cardiotwin_schemas::sweep::SAMPLES_HEADING;
 use cardiotwin_schemas::task::CellSweepSpec;
 
 use crate::cell_parameters::{NamedCell, position};
 use crate::context::Context;
 use crate::error::TaskError;
 
-/// Heading of `samples.csv`. Block and row count from 0; `cut` says that a duration lacks a crossing of its level within
-/// the beat; the rise is the steepest one after the maximum.
-pub const COLUMNS: &str = "block,row,status,Sa_max_kPa,dSadt_max_kPa_per_ms,STD30_ms,STD50_ms,STD90_ms,cut,lambda_min,\
-                           Sa_res_kPa,Sa_min_kPa,rise_after_peak_kPa_per_ms,beats";
 /// Blocks after which is looked whether to stop, for each thread: some milliseconds of work.
 const BLOCKS_AT_ONCE: usize = 16;
 /// Cells that a thread takes at a time.
@@ -51,7 +47,7 @@ pub fn run(spec: &CellSweepSpec, context: &mut Context) -> Result<TaskResult, Ta
     let pool = threads.transpose().map_err(TaskError::Threads)?;
     let rows_per_block = design.rows_per_block();
     let mut workspace = Workspace::new();
-    let mut text = format!("{COLUMNS}\n");
+    let mut text = format!("{SAMPLES_HEADING}\n");
     let mut counts = Counts::default();
     let mut outputs = Vec::new();
     let step = BLOCKS_AT_ONCE * context.threads.max(1) as usize;
@@ -238,7 +234,7 @@ mod tests {
     fn a_line_holds_the_engine_s_numbers_for_the_design_s_row() {
         let spec = spec(5, 1);
         let lines = samples(&spec, 1).1;
-        assert_eq!((lines[0].as_str(), lines.len()), (COLUMNS, 9));
+        assert_eq!((lines[0].as_str(), lines.len()), (SAMPLES_HEADING, 9));
         let rows = design(&spec, 6).unwrap().rows(5..6);
         let mut input = CellInput::new(cardiotwin_cell_engine::DEFAULT_PARAMETERS, 1000.0, 1.1);
         // Positions as the engine's own names have them.

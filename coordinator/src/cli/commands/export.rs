@@ -27,6 +27,7 @@ pub struct ExportArgs {
 /// The store's and the export's.
 pub async fn execute(args: &ExportArgs, talk: &Talk) -> Result<Exit, CliError> {
     let folders = args.place.folders();
+    folders.refuse_sweep("`cardiotwin sweep report DIR` writes its tables")?;
     let record = open(&folders).await?.record().await?;
     let out = args.out.clone().unwrap_or_else(|| folders.run.join("export"));
     let exported = export(&record, &out).map_err(CliError::Export)?;

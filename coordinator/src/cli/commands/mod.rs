@@ -20,3 +20,4 @@ pub mod schemas;
 pub mod show;
 pub mod simulate;
 pub mod status;
+pub mod sweep;

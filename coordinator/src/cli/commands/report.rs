@@ -30,6 +30,7 @@ pub struct ReportArgs {
 /// The store's and the report's.
 pub async fn execute(args: &ReportArgs, talk: &Talk) -> Result<Exit, CliError> {
     let folders = args.place.folders();
+    folders.refuse_sweep("`cardiotwin sweep report DIR`")?;
     let record = open(&folders).await?.record().await?;
     let out = args.out.clone().unwrap_or_else(|| folders.run.join(FILE));
     let paths = write_report(&record, &out).map_err(CliError::Report)?;

@@ -59,6 +59,7 @@ pub struct RunArgs {
 pub async fn execute(args: &RunArgs, talk: &Talk) -> Result<Exit, CliError> {
     let began = Instant::now();
     let folders = args.place.folders();
+    folders.refuse_sweep("`cardiotwin sweep` goes on with it, see `cardiotwin sweep status DIR`")?;
     let cohort = load(args, &folders, talk)?;
     if args.dry_run {
         return dry_run(&cohort, &folders, talk).await;
@@ -119,7 +120,7 @@ fn unknown_patient(id: &str, cohort: &Cohort) -> String {
 
 /// Shows events, and each patient's result as soon as the patient is over.
 async fn watch(mut events: tokio::sync::mpsc::UnboundedReceiver<EngineEvent>, folders: Folders, talk: Talk) {
-    let mut watcher = Watcher::new(&talk);
+    let mut watcher = Watcher::new(&talk, "patients");
     let mut last = None;
     while let Some(event) = events.recv().await {
         let mut instead = None;

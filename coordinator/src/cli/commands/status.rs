@@ -136,7 +136,6 @@ fn shortened(note: &str) -> String {
 #[must_use]
 pub fn hint(status: &Status, folders: &Folders) -> Option<String> {
     let of = folders.as_argument("--cohort ");
-    let place = folders.as_argument("");
     if let Some(failed) = status.patients.iter().find(|patient| patient.state == "failed") {
         let id = &failed.patient;
         return Some(match failed.failure_class {
@@ -147,7 +146,7 @@ pub fn hint(status: &Status, folders: &Folders) -> Option<String> {
         });
     }
     let waiting = status.patients.iter().any(|p| !["done", "cancelled"].contains(&p.state.as_str()));
-    (waiting && !status.coordinator_running).then(|| format!("`cardiotwin run{place}` goes on"))
+    (waiting && !status.coordinator_running).then(|| format!("{} goes on", folders.run_command()))
 }
 
 #[cfg(test)]

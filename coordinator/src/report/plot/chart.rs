@@ -93,6 +93,8 @@ pub enum Mark {
     Across { y: f64, class: &'static str, label: Option<(SvgText, f64)> },
     /// A line up at `x`.
     Up { x: f64, class: &'static str },
+    /// A bar from zero to `y` around `x`.
+    Bar { x: f64, width: f64, y: f64, class: &'static str, title: String },
     /// A line between two places.
     Segment { from: (f64, f64), to: (f64, f64), class: &'static str, label: Option<SvgText> },
 }
@@ -162,9 +164,19 @@ impl Chart {
         Some((x0 + self.x.scale.fraction(x)? * (x1 - x0), y1 - self.y.scale.fraction(y)? * (y1 - y0)))
     }
 
-    /// The chart as SVG.
+    /// The chart as SVG for a page.
     #[must_use]
     pub fn render(&self) -> Markup {
+        self.svg(None)
+    }
+
+    /// The chart as part of a larger SVG, so far from its top.
+    #[must_use]
+    pub fn render_at(&self, top: f64) -> Markup {
+        self.svg(Some(top))
+    }
+
+    fn svg(&self, top: Option<f64>) -> Markup {
         let [x0, x1, y0, y1] = self.area();
         let reading = match self.reading {
             Reading::AtX => Some("x"),
@@ -173,6 +185,7 @@ impl Chart {
         };
         html! {
             svg.plot viewBox={ "0 0 " (self.size.0) " " (self.size.1) } role="img" aria-label=(self.alt)
+                y=[top] width=[top.map(|_| self.size.0)] height=[top.map(|_| self.size.1)]
                 data-area={ (x0) "," (x1) "," (y0) "," (y1) }
                 data-read=[reading]
                 data-x=[reading.map(|_| ends(&self.x))] data-y=[reading.map(|_| ends(&self.y))] {
@@ -265,6 +278,13 @@ impl Chart {
             Mark::Up { x, class } => self.place(*x, self.y.scale.ends().0).map_or_else(Markup::default, |(px, _)| {
                 html! { path class={ "rule " (class) } d={ "M" (n(px)) " " (n(y0)) "V" (n(y1)) } {} }
             }),
+            Mark::Bar { x, width, y, class, title } => {
+                let corners = (self.place(x - width / 2.0, y.max(0.0)), self.place(x + width / 2.0, y.min(0.0)));
+                let (Some(a), Some(b)) = corners else { return Markup::default() };
+                html! {
+                    rect class={ "bar " (class) } x=(n(a.0)) y=(n(a.1)) width=(n(b.0 - a.0)) height=(n(b.1 - a.1)) { title { (title) } }
+                }
+            }
             Mark::Segment { from, to, class, label } => {
                 let (Some(a), Some(b)) = (self.place(from.0, from.1), self.place(to.0, to.1)) else {
                     return Markup::default();

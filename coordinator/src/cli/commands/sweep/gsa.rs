@@ -1,0 +1,235 @@
+//! `cardiotwin sweep gsa`: the Sobol sensitivity analysis of the 0D cell; again, it goes on.
+
+use std::path::PathBuf;
+use std::time::Instant;
+
+use cardiotwin_schemas::SCHEMA_VERSION;
+use cardiotwin_schemas::settings::ExecutorSettings;
+use cardiotwin_schemas::sweep::{GsaSpec, SweepFile, SweepSpec};
+use clap::Args;
+
+use super::drive::drive;
+use super::outcome::{self, Answer, Phases};
+use super::screen;
+use crate::cli::error::CliError;
+use crate::cli::exit::Exit;
+use crate::cli::talk::Talk;
+use crate::clock;
+use crate::engine::{RunOptions, RunSummary};
+use crate::sweep::gsa::spec::{self, Wishes};
+use crate::sweep::gsa::{chunks, selection};
+use crate::sweep::{SweepError, folder};
+
+/// Which of the cell's parameters matter: Sobol indices of its biomarkers, as in Jung et al. 2022
+#[derive(Debug, Args)]
+#[command(
+    after_help = "The defaults are the paper's: 1024 blocks of 44 samples over 17 Land and 4 Rice parameters. The same command \
+                  goes on where it stopped; more --samples extend a sweep without repeating any. Ctrl-C as in `run`."
+)]
+pub struct GsaArgs {
+    /// Folder of the sweep, made if absent
+    #[arg(long, value_name = "DIR", default_value = "gsa")]
+    out: PathBuf,
+    /// Base points N, best a power of two; each gives 2D + 2 samples [default: 1024]
+    #[arg(long, value_name = "N")]
+    samples: Option<u32>,
+    /// Seed of bootstrap and scrambling [default: 1]
+    #[arg(long, value_name = "SEED")]
+    seed: Option<u64>,
+    /// Scrambled Sobol points instead of plain ones
+    #[arg(long)]
+    scramble: bool,
+    /// Blocks that a task computes; changes no result [default: 64]
+    #[arg(long, value_name = "N")]
+    chunk_blocks: Option<u32>,
+    /// Bootstrap resamples for the intervals [default: 1000]
+    #[arg(long, value_name = "N")]
+    resamples: Option<u32>,
+    /// Probability that an interval covers [default: 0.95]
+    #[arg(long, value_name = "P")]
+    confidence: Option<f64>,
+    /// Another interval of a parameter, or a further parameter (may be given several times)
+    #[arg(long, value_name = "NAME=LOWER,UPPER", value_parser = bounds)]
+    bounds: Vec<(String, [f64; 2])>,
+    /// Value of a parameter that is not swept; one of the swept leaves the design (may be given several times)
+    #[arg(long, value_name = "NAME=VALUE", value_parser = value)]
+    set: Vec<(String, f64)>,
+    /// Cycle length [default: 1000]
+    #[arg(long, value_name = "MS")]
+    cycle_length_ms: Option<f64>,
+    /// Initial stretch [default: 1.1]
+    #[arg(long, value_name = "STRETCH")]
+    lambda_0: Option<f64>,
+    /// Tolerance of the cell engine [default: 1e-4]
+    #[arg(long, value_name = "TOLERANCE")]
+    tolerance: Option<f64>,
+    /// Write step 2's settings with the N most influential parameters
+    #[arg(long, value_name = "N")]
+    select: Option<usize>,
+    /// Workers at once; 0 is one for each core
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    workers: u32,
+    /// The worker's executable [default: cardiotwin-worker beside this program]
+    #[arg(long, value_name = "PATH")]
+    worker: Option<PathBuf>,
+    /// One JSON object instead of tables
+    #[arg(long)]
+    json: bool,
+}
+
+fn bounds(text: &str) -> Result<(String, [f64; 2]), String> {
+    let parts = text.split_once('=').and_then(|(name, range)| Some((name, range.split_once(',')?)));
+    let (name, (lower, upper)) = parts.ok_or("expected NAME=LOWER,UPPER")?;
+    Ok((name.to_owned(), [number(lower)?, number(upper)?]))
+}
+
+fn value(text: &str) -> Result<(String, f64), String> {
+    let (name, value) = text.split_once('=').ok_or("expected NAME=VALUE")?;
+    Ok((name.to_owned(), number(value)?))
+}
+
+fn number(text: &str) -> Result<f64, String> {
+    text.trim().parse().map_err(|_| format!("`{text}` is no number"))
+}
+
+impl GsaArgs {
+    fn wishes(&self) -> Wishes {
+        Wishes {
+            samples: self.samples,
+            seed: self.seed,
+            scramble: self.scramble,
+            chunk_blocks: self.chunk_blocks,
+            resamples: self.resamples,
+            confidence: self.confidence,
+            cycle_length_ms: self.cycle_length_ms,
+            lambda_0: self.lambda_0,
+            tolerance: self.tolerance,
+            bounds: self.bounds.clone(),
+            set: self.set.clone(),
+        }
+    }
+}
+
+/// Runs, analyses, shows.
+///
+/// # Errors
+/// [`SweepError`] for settings that make no sense or do not belong to the folder; the engine's.
+pub async fn execute(args: &GsaArgs, talk: &Talk) -> Result<Exit, CliError> {
+    let began = Instant::now();
+    let spec = settle(args)?;
+    let n_parameters = spec.design.parameters.len();
+    if args.select.is_some_and(|n| !(1..=n_parameters).contains(&n)) {
+        let expected = format!("1 to {n_parameters}, the parameters swept");
+        let found = args.select.unwrap_or_default().to_string();
+        return Err(SweepError::Setting { name: "--select".into(), found, expected }.into());
+    }
+    let executor = ExecutorSettings { workers: args.workers, ..ExecutorSettings::default() };
+    let options = RunOptions {
+        run_dir: args.out.clone(),
+        cohort_name: "gsa".into(),
+        description: format!("sensitivity of the 0D cell to {n_parameters} parameters, {} blocks", spec.n_blocks),
+        cohort_dir: args.out.clone(),
+        patients: Some(chunks::members(&spec)),
+        only: Vec::new(),
+        executor,
+        worker: args.worker.clone(),
+    };
+    let summary = drive(options, "chunks", talk).await?;
+    let simulated_s = began.elapsed().as_secs_f64();
+    finish(args, &summary, Phases { simulate_s: simulated_s, ..Phases::default() }, began, talk).await
+}
+
+/// The settings of this call, in the folder's file.
+fn settle(args: &GsaArgs) -> Result<GsaSpec, SweepError> {
+    let before = folder::find(&args.out)?;
+    let (spec, file) = match before {
+        Some(file) => {
+            let stored = spec::of(file.clone())?;
+            let spec = args.wishes().on(stored.clone())?;
+            spec::may_follow(&args.out, &stored, &spec)?;
+            if spec == stored {
+                return Ok(spec);
+            }
+            (spec, file)
+        }
+        None => {
+            let spec = args.wishes().on(spec::published())?;
+            let sweep = SweepSpec::Gsa(Box::new(spec.clone()));
+            let version = env!("CARGO_PKG_VERSION").to_owned();
+            (spec, SweepFile { schema_version: SCHEMA_VERSION, version, created: clock::now_utc(), sweep })
+        }
+    };
+    folder::write(&args.out, &SweepFile { sweep: SweepSpec::Gsa(Box::new(spec.clone())), ..file })?;
+    Ok(spec)
+}
+
+/// Analysis, files, tables, hints and exit code.
+async fn finish(
+    args: &GsaArgs,
+    summary: &RunSummary,
+    mut phases: Phases,
+    began: Instant,
+    talk: &Talk,
+) -> Result<Exit, CliError> {
+    let whole = summary.unfinished + summary.failed + summary.cancelled == 0;
+    let found = outcome::analysed(&args.out, None, &mut phases).await;
+    let record = match found {
+        Ok(record) => Some(record),
+        // A sweep that was stopped at once has nothing to show, and says so below.
+        Err(CliError::Sweep(SweepError::TooEarly { .. })) if !whole => None,
+        Err(error) => return Err(error),
+    };
+    let mut files = Vec::new();
+    if let Some(record) = &record {
+        let writing = Instant::now();
+        files = outcome::write(&args.out, record)?;
+        if let Some(n) = args.select {
+            files.push(folder::write_result(&args.out, "step2.toml", &selection::toml(record, n)?)?);
+        }
+        phases.write_s = writing.elapsed().as_secs_f64();
+    }
+    phases.total_s = began.elapsed().as_secs_f64();
+    if args.json {
+        talk.json(&Answer::new(&args.out, summary, phases, &files, record.as_ref()))?;
+    } else if let Some(record) = &record {
+        talk.data(&screen::ranking(record, screen::Order::Total, talk))?;
+        talk.data(&screen::remarks(record))?;
+        if let Some(n) = args.select {
+            talk.data(&format!("\n{}\n", selection::toml(record, n)?.trim_end()))?;
+        }
+        talk.data(&screen::closing(summary, &phases, &files))?;
+    }
+    hints(args, summary, talk);
+    Ok(match (summary.stopped, whole) {
+        (true, _) => Exit::Interrupted,
+        (false, false) => Exit::Problems,
+        (false, true) => Exit::Ok,
+    })
+}
+
+fn hints(args: &GsaArgs, summary: &RunSummary, talk: &Talk) {
+    let folder = args.out.display();
+    if summary.stopped {
+        talk.say("stopped; nothing finished is lost");
+        talk.hint(&format!("`cardiotwin sweep gsa --out {folder}` goes on"));
+    } else if summary.failed > 0 {
+        talk.hint(&format!(
+            "`cardiotwin sweep status {folder}` names the failures; `cardiotwin retry --failed --cohort {folder}` opens \
+             them for another try"
+        ));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn bounds_and_values_are_read_and_nonsense_is_named() {
+        assert_eq!(bounds("n_Tm=3,7.5"), Ok(("n_Tm".into(), [3.0, 7.5])));
+        assert_eq!(value("phi=-1e-3"), Ok(("phi".into(), -1e-3)));
+        assert_eq!(bounds("n_Tm=3"), Err("expected NAME=LOWER,UPPER".into()));
+        assert_eq!(bounds("n_Tm=3,x"), Err("`x` is no number".into()));
+        assert_eq!(value("phi"), Err("expected NAME=VALUE".into()));
+    }
+}

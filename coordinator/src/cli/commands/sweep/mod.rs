@@ -1,0 +1,46 @@
+//! `cardiotwin sweep`: many simulations around a design, as a run of its own.
+
+mod cancel;
+mod drive;
+mod gsa;
+mod outcome;
+mod report;
+mod screen;
+mod show;
+mod status;
+
+use clap::{Args, Subcommand};
+
+use crate::cli::error::CliError;
+use crate::cli::exit::Exit;
+use crate::cli::talk::Talk;
+
+/// Sweep over parameters: sensitivity analysis
+#[derive(Debug, Args)]
+pub struct SweepArgs {
+    #[command(subcommand)]
+    command: SweepCommand,
+}
+
+#[derive(Debug, Subcommand)]
+enum SweepCommand {
+    Gsa(gsa::GsaArgs),
+    Status(status::StatusArgs),
+    Show(show::ShowArgs),
+    Report(report::ReportArgs),
+    Cancel(cancel::CancelArgs),
+}
+
+/// Does it.
+///
+/// # Errors
+/// The engine's, the store's and the sweep's.
+pub async fn execute(args: &SweepArgs, talk: &Talk) -> Result<Exit, CliError> {
+    match &args.command {
+        SweepCommand::Gsa(args) => gsa::execute(args, talk).await,
+        SweepCommand::Status(args) => status::execute(args, talk).await,
+        SweepCommand::Show(args) => show::execute(args, talk).await,
+        SweepCommand::Report(args) => report::execute(args, talk).await,
+        SweepCommand::Cancel(args) => cancel::execute(args, talk).await,
+    }
+}

@@ -1,0 +1,111 @@
+//! From a sweep's folder to its results, and to the files that hold them.
+
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use cardiotwin_schemas::SCHEMA_VERSION;
+use cardiotwin_schemas::sensitivity::SensitivityRecord;
+use serde::Serialize;
+
+use crate::cli::error::CliError;
+use crate::engine::{Reader, RunSummary};
+use crate::report::sensitivity;
+use crate::sweep::folder::{self, write_result};
+use crate::sweep::gsa::samples::read_first;
+use crate::sweep::gsa::{analysis, spec, tables};
+
+/// Wall time of what a sweep does one after the other.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
+pub struct Phases {
+    /// Chunks through the engine, until the run is closed.
+    pub simulate_s: f64,
+    /// Reading the samples back and checking their hashes.
+    pub read_s: f64,
+    /// Indices, bootstrap and ranking.
+    pub analyse_s: f64,
+    /// Files.
+    pub write_s: f64,
+    /// All of it.
+    pub total_s: f64,
+}
+
+/// What `sweep gsa --json` prints.
+#[derive(Debug, Serialize)]
+pub struct Answer<'a> {
+    schema_version: u32,
+    folder: &'a Path,
+    /// Chunks by how they stand, and those published by this call.
+    chunks: Chunks,
+    stopped: bool,
+    phases: Phases,
+    files: &'a [PathBuf],
+    /// None before two blocks are complete.
+    sensitivity: Option<&'a SensitivityRecord>,
+}
+
+#[derive(Debug, Serialize)]
+struct Chunks {
+    total: usize,
+    done: usize,
+    failed: usize,
+    cancelled: usize,
+    unfinished: usize,
+    published_now: u64,
+}
+
+impl<'a> Answer<'a> {
+    /// Of a call.
+    pub fn new(
+        folder: &'a Path,
+        run: &RunSummary,
+        phases: Phases,
+        files: &'a [PathBuf],
+        sensitivity: Option<&'a SensitivityRecord>,
+    ) -> Self {
+        let chunks = Chunks {
+            total: run.patients,
+            done: run.done,
+            failed: run.failed,
+            cancelled: run.cancelled,
+            unfinished: run.unfinished,
+            published_now: run.published,
+        };
+        Self { schema_version: SCHEMA_VERSION, folder, chunks, stopped: run.stopped, phases, files, sensitivity }
+    }
+}
+
+/// The analysis of what is there: all blocks, the first complete ones, or at most `blocks` of them.
+///
+/// # Errors
+/// [`SweepError`](crate::sweep::SweepError) when there is no sweep, too little of it, or an artefact is damaged.
+pub async fn analysed(folder: &Path, blocks: Option<u32>, phases: &mut Phases) -> Result<SensitivityRecord, CliError> {
+    let spec = spec::of(folder::read(folder)?)?;
+    let began = Instant::now();
+    let members = Reader::open(folder).await?.members().await?;
+    let chunks = members.iter().map(|member| (&member.plan, member.task.as_ref()));
+    let samples = read_first(&spec, blocks.unwrap_or(u32::MAX), chunks)?;
+    phases.read_s = began.elapsed().as_secs_f64();
+    let began = Instant::now();
+    let threads = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
+    let record = analysis::sensitivity(&spec, &samples, threads)?;
+    phases.analyse_s = began.elapsed().as_secs_f64();
+    Ok(record)
+}
+
+/// Writes tables, figure, page and record into the folder's `results`.
+///
+/// # Errors
+/// Whatever the file system says.
+pub fn write(folder: &Path, record: &SensitivityRecord) -> Result<Vec<PathBuf>, CliError> {
+    let json = serde_json::to_string_pretty(record)
+        .map_err(|error| CliError::Io { what: "cannot write JSON", source: error.into() })?;
+    let files = [
+        ("indices.csv", tables::indices(record)),
+        ("second_order.csv", tables::second_order(record)),
+        ("ranking.csv", tables::ranking(record)),
+        ("sensitivity.json", json + "\n"),
+        ("sensitivity.svg", sensitivity::figure(record)),
+        ("report.html", sensitivity::page(record)),
+    ];
+    Ok(files.iter().map(|(name, text)| write_result(folder, name, text)).collect::<Result<_, _>>()?)
+}

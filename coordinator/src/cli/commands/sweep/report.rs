@@ -1,0 +1,40 @@
+//! `cardiotwin sweep report`: tables, figure and page of what is complete so far.
+
+use std::path::PathBuf;
+
+use clap::Args;
+
+use super::outcome::{self, Phases};
+use crate::cli::error::CliError;
+use crate::cli::exit::Exit;
+use crate::cli::talk::Talk;
+use crate::sweep::folder;
+use crate::sweep::gsa::selection;
+
+/// Write tables, figure and page of what is complete so far
+#[derive(Debug, Args)]
+pub struct ReportArgs {
+    /// Folder of the sweep
+    #[arg(value_name = "DIR", default_value = "gsa")]
+    folder: PathBuf,
+    /// Use the first N blocks only
+    #[arg(long, value_name = "N")]
+    blocks: Option<u32>,
+    /// Write step 2's settings with the N most influential parameters
+    #[arg(long, value_name = "N")]
+    select: Option<usize>,
+}
+
+/// Writes, and prints the paths.
+///
+/// # Errors
+/// [`SweepError`](crate::sweep::SweepError) when there is no sweep or too little of it.
+pub async fn execute(args: &ReportArgs, talk: &Talk) -> Result<Exit, CliError> {
+    let record = outcome::analysed(&args.folder, args.blocks, &mut Phases::default()).await?;
+    let mut files = outcome::write(&args.folder, &record)?;
+    if let Some(n) = args.select {
+        files.push(folder::write_result(&args.folder, "step2.toml", &selection::toml(&record, n)?)?);
+    }
+    talk.data(&files.iter().map(|file| format!("{}\n", file.display())).collect::<String>())?;
+    Ok(Exit::Ok)
+}

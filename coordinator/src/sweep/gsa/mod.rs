@@ -1,0 +1,17 @@
+//! The Sobol sensitivity analysis of the 0D cell (Jung et al. 2022, sections 2.4 and 3.1).
+//!
+//! - [`spec`]: the paper's settings, and what may be changed of them
+//! - [`chunks`]: the tasks of a sweep, each some complete Saltelli blocks
+//! - [`samples`]: what the chunks computed, read back and judged by the exclusion rule
+//! - [`analysis`]: indices and ranking of any number of first blocks
+//! - [`reference`]: what others found
+//! - [`selection`]: the ranking as step 2's list of parameters
+//! - [`tables`]: CSV files
+
+pub mod analysis;
+pub mod chunks;
+pub mod reference;
+pub mod samples;
+pub mod selection;
+pub mod spec;
+pub mod tables;

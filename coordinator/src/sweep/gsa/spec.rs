@@ -1,0 +1,303 @@
+//! Settings of a sensitivity sweep: the paper's, what a person changes of them, and what a folder allows to change.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use cardiotwin_calibrate::Interval;
+use cardiotwin_calibrate::sobol::{DesignSettings, SaltelliDesign};
+use cardiotwin_schemas::organ::CELL_PARAMETERS;
+use cardiotwin_schemas::sweep::{CellDesign, GsaAnalysis, GsaSpec, SweepFile, SweepSpec, SweptParameter};
+
+use crate::sweep::SweepError;
+
+/// Table A5 of the paper: the 17 parameters of Land's and the four of Rice's model, in the order of [`CELL_PARAMETERS`].
+pub const BOX: [(&str, f64, f64); 21] = [
+    ("k_TRPN_per_ms", 0.05, 0.4),
+    ("n_TRPN", 1.0, 5.0),
+    ("Ca50_ref_uM", 0.5, 2.0),
+    ("k_U_per_ms", 0.01, 2.0),
+    ("n_Tm", 3.0, 7.0),
+    ("TRPN50", 0.3, 0.5),
+    ("k_UW_per_ms", 0.026, 0.312),
+    ("k_WS_per_ms", 0.004, 0.048),
+    ("r_W", 0.25, 0.75),
+    ("r_S", 0.1, 0.25),
+    ("gamma_S_per_ms", 0.005, 0.02),
+    ("gamma_W_per_ms", 0.05, 3.0),
+    ("phi", 0.1, 4.0),
+    ("A_eff", 12.5, 37.5),
+    ("beta_0", 1.15, 4.6),
+    ("beta_1_uM", -3.6, -1.2),
+    ("Smax_ref_kPa", 90.0, 140.0),
+    ("Ca_res_uM", 0.075, 0.225),
+    ("Ca_max_uM", 0.3, 0.9),
+    ("tau_CR_ms", 64.5, 192.5),
+    ("tau_CD_ms", 64.0, 192.0),
+];
+
+/// Blocks of a chunk unless asked otherwise: some 40 ms of work, so that the start of a process is small beside it.
+pub const CHUNK_BLOCKS: u32 = 64;
+
+/// The paper's analysis: 1024 blocks of 44 samples, cycle 1000 ms, λ₀ = 1.1, a_p = 42 kPa.
+#[must_use]
+pub fn published() -> GsaSpec {
+    let parameters =
+        BOX.iter().map(|(name, lower, upper)| SweptParameter { name: (*name).into(), lower: *lower, upper: *upper });
+    GsaSpec {
+        design: CellDesign {
+            parameters: parameters.collect(),
+            skip_points: 0,
+            scramble_seed: None,
+            cycle_length_ms: 1000.0,
+            lambda_0: 1.1,
+            fixed: BTreeMap::from([("a_p_kPa".to_owned(), 42.0)]),
+            tolerance: 1e-4,
+        },
+        n_blocks: 1024,
+        chunk_blocks: CHUNK_BLOCKS,
+        analysis: GsaAnalysis::default(),
+    }
+}
+
+/// What a person asks for; the rest stays as it is in the folder, or as published.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Wishes {
+    /// Base points.
+    pub samples: Option<u32>,
+    /// Seed of bootstrap and scrambling.
+    pub seed: Option<u64>,
+    /// Scrambled points.
+    pub scramble: bool,
+    /// Blocks of a chunk.
+    pub chunk_blocks: Option<u32>,
+    /// Bootstrap resamples.
+    pub resamples: Option<u32>,
+    /// Probability that an interval covers.
+    pub confidence: Option<f64>,
+    /// Cycle length.
+    pub cycle_length_ms: Option<f64>,
+    /// Initial stretch.
+    pub lambda_0: Option<f64>,
+    /// Tolerance of the cell engine.
+    pub tolerance: Option<f64>,
+    /// Other intervals.
+    pub bounds: Vec<(String, [f64; 2])>,
+    /// Values of parameters outside of the design; a swept one leaves it.
+    pub set: Vec<(String, f64)>,
+}
+
+impl Wishes {
+    /// The settings with what is wished on top.
+    ///
+    /// # Errors
+    /// [`SweepError::Setting`] for a name or number that makes no sense.
+    pub fn on(&self, base: GsaSpec) -> Result<GsaSpec, SweepError> {
+        let mut spec = base;
+        let design = &mut spec.design;
+        for (name, value) in &self.set {
+            known("--set", name)?;
+            design.parameters.retain(|p| p.name != *name);
+            design.fixed.insert(name.clone(), *value);
+        }
+        for (name, [lower, upper]) in &self.bounds {
+            known("--bounds", name)?;
+            let swept = SweptParameter { name: name.clone(), lower: *lower, upper: *upper };
+            design.fixed.remove(name);
+            match design.parameters.iter_mut().find(|p| p.name == *name) {
+                Some(parameter) => *parameter = swept,
+                None => design.parameters.push(swept),
+            }
+        }
+        let seed = self.seed.unwrap_or(spec.analysis.seed);
+        if self.scramble || design.scramble_seed.is_some() {
+            design.scramble_seed = Some(seed);
+        }
+        spec.analysis.seed = seed;
+        design.cycle_length_ms = self.cycle_length_ms.unwrap_or(design.cycle_length_ms);
+        design.lambda_0 = self.lambda_0.unwrap_or(design.lambda_0);
+        design.tolerance = self.tolerance.unwrap_or(design.tolerance);
+        spec.n_blocks = self.samples.unwrap_or(spec.n_blocks);
+        spec.chunk_blocks = self.chunk_blocks.unwrap_or(spec.chunk_blocks);
+        spec.analysis.resamples = self.resamples.unwrap_or(spec.analysis.resamples);
+        spec.analysis.confidence = self.confidence.unwrap_or(spec.analysis.confidence);
+        check(&spec)?;
+        Ok(spec)
+    }
+}
+
+fn known(option: &str, name: &str) -> Result<(), SweepError> {
+    if CELL_PARAMETERS.contains(&name) {
+        return Ok(());
+    }
+    let expected = format!("a parameter among {}", CELL_PARAMETERS.join(", "));
+    Err(SweepError::Setting { name: option.into(), found: format!("about `{name}`"), expected })
+}
+
+fn check(spec: &GsaSpec) -> Result<(), SweepError> {
+    let refuse = |name: &str, found: String, expected: &str| {
+        Err(SweepError::Setting { name: name.into(), found, expected: expected.into() })
+    };
+    let (design, analysis) = (&spec.design, &spec.analysis);
+    if !(2..=1 << 20).contains(&spec.n_blocks) {
+        return refuse("--samples", spec.n_blocks.to_string(), "2 to 1048576, best a power of two");
+    }
+    if !(1..=1 << 16).contains(&spec.chunk_blocks) {
+        return refuse("--chunk-blocks", spec.chunk_blocks.to_string(), "1 to 65536");
+    }
+    if !(1..=u64::from(u32::MAX)).contains(&analysis.seed) {
+        return refuse("--seed", analysis.seed.to_string(), "1 to 4294967295");
+    }
+    if analysis.resamples > 100_000 {
+        return refuse("--resamples", analysis.resamples.to_string(), "up to 100000; 0 gives no intervals");
+    }
+    if !(analysis.confidence > 0.0 && analysis.confidence < 1.0) {
+        return refuse("--confidence", analysis.confidence.to_string(), "above 0 and below 1");
+    }
+    if !(10.0..=1e5).contains(&design.cycle_length_ms) {
+        return refuse("--cycle-length-ms", design.cycle_length_ms.to_string(), "10 to 100000");
+    }
+    if !(0.2..=5.0).contains(&design.lambda_0) {
+        return refuse("--lambda-0", design.lambda_0.to_string(), "0.2 to 5");
+    }
+    if !(1e-10..=0.1).contains(&design.tolerance) {
+        return refuse("--tolerance", design.tolerance.to_string(), "1e-10 to 0.1");
+    }
+    if let Some((name, value)) = design.fixed.iter().find(|(_, value)| !value.is_finite()) {
+        return refuse(&format!("--set {name}"), value.to_string(), "a number");
+    }
+    if let Some(p) = design.parameters.iter().find(|p| !(p.lower < p.upper && p.upper - p.lower < f64::INFINITY)) {
+        return refuse(
+            &format!("--bounds {}", p.name),
+            format!("{},{}", p.lower, p.upper),
+            "LOWER,UPPER in this order",
+        );
+    }
+    saltelli(spec).map(drop)
+}
+
+/// The settings of a folder's sweep.
+///
+/// # Errors
+/// [`SweepError::Occupied`] where it is a sweep of another kind.
+pub fn of(file: SweepFile) -> Result<GsaSpec, SweepError> {
+    match file.sweep {
+        SweepSpec::Gsa(spec) => Ok(*spec),
+    }
+}
+
+/// The whole design.
+///
+/// # Errors
+/// [`SweepError::Sobol`] for more parameters or points than the sequence has.
+pub fn saltelli(spec: &GsaSpec) -> Result<SaltelliDesign, SweepError> {
+    let design = &spec.design;
+    let intervals: Vec<Interval> = design.parameters.iter().map(|p| Interval::new(p.lower, p.upper)).collect();
+    let settings = DesignSettings {
+        n_blocks: spec.n_blocks as usize,
+        skip_points: design.skip_points,
+        scramble: design.scramble_seed,
+    };
+    Ok(SaltelliDesign::new(&intervals, settings)?)
+}
+
+/// Whether a folder's sweep may go on with these settings: more blocks and another analysis, nothing else.
+///
+/// # Errors
+/// [`SweepError::Changed`] naming each setting with both values.
+pub fn may_follow(folder: &Path, before: &GsaSpec, now: &GsaSpec) -> Result<(), SweepError> {
+    let mut changes = Vec::new();
+    if now.n_blocks < before.n_blocks {
+        changes.push(format!("samples {} (now {}; more may be asked for, not fewer)", before.n_blocks, now.n_blocks));
+    }
+    if now.chunk_blocks != before.chunk_blocks {
+        changes.push(format!("chunk-blocks {} (now {})", before.chunk_blocks, now.chunk_blocks));
+    }
+    let (a, b) = (&before.design, &now.design);
+    let scramble = |seed: Option<u64>| seed.map_or("plain points".to_owned(), |s| format!("scrambled with seed {s}"));
+    if a.scramble_seed != b.scramble_seed {
+        changes.push(format!("{} (now {})", scramble(a.scramble_seed), scramble(b.scramble_seed)));
+    }
+    let numbers = [
+        ("skip-points", a.skip_points as f64, b.skip_points as f64),
+        ("cycle-length-ms", a.cycle_length_ms, b.cycle_length_ms),
+        ("lambda-0", a.lambda_0, b.lambda_0),
+        ("tolerance", a.tolerance, b.tolerance),
+    ];
+    changes.extend(numbers.iter().filter(|(_, a, b)| a != b).map(|(name, a, b)| format!("{name} {a} (now {b})")));
+    let place = |design: &CellDesign, name: &str| {
+        let swept = design.parameters.iter().find(|p| p.name == name);
+        swept
+            .map(|p| format!("in [{}, {}]", p.lower, p.upper))
+            .or_else(|| design.fixed.get(name).map(|v| format!("= {v}")))
+    };
+    for name in CELL_PARAMETERS {
+        let (a, b) = (place(a, name), place(b, name));
+        if a != b {
+            let word = |place: Option<String>| place.unwrap_or_else(|| "at its default".into());
+            changes.push(format!("{name} {} (now {})", word(a), word(b)));
+        }
+    }
+    if changes.is_empty() && a.parameters != b.parameters {
+        changes.push("another order of the parameters".into());
+    }
+    if changes.is_empty() {
+        return Ok(());
+    }
+    Err(SweepError::Changed { path: folder.to_owned(), changes: changes.join(", ") })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_published_analysis_has_45_056_samples_and_the_cell_s_names() {
+        let spec = published();
+        assert_eq!(saltelli(&spec).unwrap().n_rows(), 45_056);
+        assert_eq!(BOX.map(|(name, ..)| name)[..], CELL_PARAMETERS[..21]);
+        check(&spec).unwrap();
+    }
+
+    #[test]
+    fn wishes_are_laid_on_top_and_nonsense_is_named() {
+        let wishes = Wishes {
+            samples: Some(16),
+            scramble: true,
+            seed: Some(3),
+            bounds: vec![("a_p_kPa".into(), [1.0, 100.0]), ("n_Tm".into(), [4.0, 5.0])],
+            set: vec![("phi".into(), 2.0)],
+            ..Wishes::default()
+        };
+        let spec = wishes.on(published()).unwrap();
+        assert_eq!((spec.n_blocks, spec.design.scramble_seed, spec.analysis.seed), (16, Some(3), 3));
+        assert_eq!(spec.design.fixed, BTreeMap::from([("phi".to_owned(), 2.0)]));
+        let names: Vec<&str> = spec.design.parameters.iter().map(|p| p.name.as_str()).collect();
+        assert_eq!((names.len(), names.contains(&"phi"), names[20]), (21, false, "a_p_kPa"));
+        let refused = |wishes: Wishes| wishes.on(published()).unwrap_err().to_string();
+        let unknown = refused(Wishes { set: vec![("Ca50".into(), 1.0)], ..Wishes::default() });
+        assert!(unknown.contains("`Ca50`") && unknown.contains("Ca50_ref_uM"), "{unknown}");
+        let reversed = refused(Wishes { bounds: vec![("n_Tm".into(), [5.0, 4.0])], ..Wishes::default() });
+        assert_eq!(reversed, "--bounds n_Tm is 5,4, expected LOWER,UPPER in this order");
+        assert!(refused(Wishes { samples: Some(1), ..Wishes::default() }).starts_with("--samples is 1"));
+        assert!(refused(Wishes { seed: Some(0), ..Wishes::default() }).starts_with("--seed is 0"));
+    }
+
+    #[test]
+    fn a_folder_s_sweep_may_grow_and_be_analysed_otherwise_and_nothing_else() {
+        let folder = Path::new("gsa");
+        let before = published();
+        let follow = |wishes: Wishes| may_follow(folder, &before, &wishes.on(before.clone()).unwrap());
+        follow(Wishes::default()).unwrap();
+        follow(Wishes { samples: Some(2048), resamples: Some(10), seed: Some(4), ..Wishes::default() }).unwrap();
+        let said = |wishes: Wishes| follow(wishes).unwrap_err().to_string();
+        let text = said(Wishes { samples: Some(16), scramble: true, lambda_0: Some(1.0), ..Wishes::default() });
+        for part in
+            ["samples 1024 (now 16", "plain points (now scrambled with seed 1)", "lambda-0 1.1 (now 1)", "--out"]
+        {
+            assert!(text.contains(part), "{part} is not in {text}");
+        }
+        assert!(said(Wishes { chunk_blocks: Some(5), ..Wishes::default() }).contains("chunk-blocks 64 (now 5)"));
+        let fixed = said(Wishes { set: vec![("phi".into(), 2.0)], ..Wishes::default() });
+        assert!(fixed.contains("phi in [0.1, 4] (now = 2)"), "{fixed}");
+    }
+}
