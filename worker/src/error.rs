@@ -118,9 +118,6 @@ pub enum TaskError {
         /// Its value.
         value: f64,
     },
-    /// The optimiser refused its settings.
-    #[error("differential evolution")]
-    Optimiser(#[from] PopulationError),
     /// The design of a sweep makes no sense.
     #[error("design of the sweep")]
     Design(#[from] SobolError),
@@ -218,7 +215,6 @@ impl TaskError {
             | Self::NoBounds { .. }
             | Self::UnknownWeight { .. }
             | Self::Target { .. }
-            | Self::Optimiser(_)
             | Self::Design(_)
             | Self::Population(_)
             | Self::CalciumSamples(_)
@@ -261,7 +257,7 @@ impl TaskError {
             Self::NoBounds { .. } => Some("give it bounds in [step2.bounds]"),
             Self::UnknownWeight { .. } => Some("correct [step2.weights]"),
             Self::NoCell => Some("move the bounds in [step2.bounds] towards Table A5's"),
-            Self::Optimiser(_) | Self::Population(_) => Some("correct [step2]"),
+            Self::Population(_) => Some("correct [step2]"),
             Self::Engine(_) => Some("set executor.instruction_set to \"auto\", or correct the sweep's settings"),
             Self::Design(_) => Some("sweep again with bounds and settings that make sense"),
             Self::CalciumSamples(_) => Some("correct measured.calcium"),
