@@ -18,6 +18,7 @@ pub fn all() -> Vec<(&'static str, Schema)> {
         ("sensitivity.schema.json", schema_for!(crate::sensitivity::SensitivityRecord)),
         ("fit-calcium.schema.json", schema_for!(crate::fit::CalciumFitAnswer)),
         ("run.schema.json", schema_for!(crate::record::RunRecord)),
+        ("robustness.schema.json", schema_for!(crate::robustness::RobustnessResult)),
     ]
 }
 

@@ -17,6 +17,7 @@ pub mod plan;
 pub mod progress;
 pub mod provenance;
 pub mod record;
+pub mod robustness;
 pub mod sensitivity;
 pub mod settings;
 pub mod status;

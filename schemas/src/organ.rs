@@ -78,6 +78,19 @@ pub const CELL_PARAMETERS: [&str; 22] = [
 /// Those of them that describe Rice's calcium transient.
 pub const RICE_PARAMETERS: [&str; 4] = ["Ca_res_uM", "Ca_max_uM", "tau_CR_ms", "tau_CD_ms"];
 
+/// Defaults of [`CELL_PARAMETERS`], in their order and units (Tables A2 and A4; the passive scale is that of the paper's
+/// sensitivity analysis, not Table A3's, which is that of isolated tissue).
+pub const CELL_DEFAULTS: [f64; 22] = [
+    0.1, 2.0, 0.805, 1.0, 5.0, 0.35, 0.182, 0.012, 0.5, 0.25, 0.0085, 0.615, 2.23, 25.0, 2.3, -2.4, 120.0, 0.15, 0.6,
+    129.0, 128.0, 42.0,
+];
+
+/// Default of a parameter of the cell model.
+#[must_use]
+pub fn cell_default(name: &str) -> Option<f64> {
+    CELL_PARAMETERS.iter().position(|known| *known == name).map(|idx| CELL_DEFAULTS[idx])
+}
+
 /// What produces the active stress. Land's and Rice's parameters go by the names in [`CELL_PARAMETERS`]
 /// (Tables A2, A4); names that are absent keep their default.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]

@@ -5,6 +5,8 @@ use std::collections::BTreeMap;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::robustness::RobustnessSpec;
+
 /// `sweep.json` in the folder of a sweep, beside the run's database.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
@@ -25,6 +27,8 @@ pub struct SweepFile {
 pub enum SweepSpec {
     /// Sobol sensitivity analysis of the 0D cell.
     Gsa(Box<GsaSpec>),
+    /// Robustness of personalisations.
+    Robustness(Box<RobustnessSpec>),
 }
 
 impl SweepSpec {
@@ -33,6 +37,7 @@ impl SweepSpec {
     pub fn kind(&self) -> &'static str {
         match self {
             Self::Gsa(_) => "gsa",
+            Self::Robustness(_) => "robustness",
         }
     }
 }

@@ -5,6 +5,7 @@ mod damage;
 mod fits;
 mod output;
 mod requests;
+mod robustness;
 mod runs;
 mod schema;
 mod stops;

@@ -148,6 +148,11 @@ impl Cohort {
         start(self.path(), &all)
     }
 
+    /// Starts any command in the cohort's folder and leaves it running.
+    pub fn start_command(&self, arguments: &[&str]) -> Running {
+        start(self.path(), arguments)
+    }
+
     /// Replaces a text in a file of the cohort.
     #[track_caller]
     pub fn edit(&self, file: &str, from: &str, to: &str) {
@@ -162,12 +167,12 @@ impl Cohort {
         self.call(&["show", id, "--json"]).json()
     }
 
-    /// Waits until the status satisfies `wanted`.
+    /// Waits until the status of a run satisfies `wanted`.
     #[track_caller]
-    pub fn wait_for(&self, what: &str, wanted: impl Fn(&Value) -> bool) -> Value {
+    pub fn wait_for_run(&self, run: &str, what: &str, wanted: impl Fn(&Value) -> bool) -> Value {
         let began = Instant::now();
         loop {
-            let said = self.call(&["status", "--json"]);
+            let said = self.call(&["status", run, "--json"]);
             if let Ok(status) = serde_json::from_str::<Value>(&said.out)
                 && wanted(&status)
             {
@@ -182,12 +187,18 @@ impl Cohort {
     /// itself: a slow machine would miss any other.
     #[track_caller]
     pub fn wait_for_step(&self, step: &str) -> Value {
+        self.wait_for_step_of_run(".", step)
+    }
+
+    /// The same for another run than the cohort's own.
+    #[track_caller]
+    pub fn wait_for_step_of_run(&self, run: &str, step: &str) -> Value {
         let wanted = |status: &Value| {
             let patients = status["patients"].as_array().cloned().unwrap_or_default();
             status["coordinator_running"] == true
                 && patients.iter().any(|patient| patient["step"] == step && patient["state"] == "running")
         };
-        self.wait_for(&format!("a patient running {step}"), wanted)
+        self.wait_for_run(run, &format!("a patient running {step}"), wanted)
     }
 }
 

@@ -126,6 +126,14 @@ mod tests {
     use cardiotwin_cell_engine::PARAMETER_NAMES;
 
     #[test]
+    fn files_say_the_same_defaults() {
+        let cell = NamedCell::new(1000.0, 1.0);
+        for name in CELL_PARAMETERS {
+            assert_eq!(cell.value(name).ok(), cardiotwin_schemas::organ::cell_default(name), "{name}");
+        }
+    }
+
+    #[test]
     fn files_and_engine_have_the_same_names_in_the_same_order() {
         assert_eq!(CELL_PARAMETERS, PARAMETER_NAMES);
     }

@@ -109,7 +109,9 @@ fn sweep_exit(error: &SweepError) -> Exit {
         SweepError::Occupied { .. }
         | SweepError::NoSweep { .. }
         | SweepError::Changed { .. }
+        | SweepError::OtherKind { .. }
         | SweepError::Setting { .. } => Exit::Usage,
+        SweepError::Design(_) => Exit::Input,
         SweepError::Format { .. } | SweepError::Samples { .. } => Exit::Store,
         SweepError::Sobol(_) | SweepError::TooEarly { .. } => Exit::Problems,
         SweepError::File { .. } => Exit::System,

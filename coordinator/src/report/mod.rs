@@ -11,9 +11,11 @@ mod page;
 mod patient;
 mod plot;
 mod provenance;
+mod robustness;
 pub mod sensitivity;
 mod tables;
 mod write;
 
 pub use calcium_fit::calcium_fit_svg;
+pub use robustness::write_robustness;
 pub use write::{ONE_FILE, ReportPaths, write_report};

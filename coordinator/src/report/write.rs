@@ -105,7 +105,7 @@ fn overview(run: &RunRecord, link: cohort::Link, tiles: &[(String, String, Marku
     }
 }
 
-fn write(file: &Path, page: &Markup) -> Result<(), WriteError> {
+pub(super) fn write(file: &Path, page: &Markup) -> Result<(), WriteError> {
     atomic::replace(file, |out| out.write_all(page.0.as_bytes())).map_err(WriteError::file(file))
 }
 

@@ -5,6 +5,8 @@ use std::path::PathBuf;
 
 use cardiotwin_calibrate::sobol::SobolError;
 
+use super::robustness::DesignError;
+
 /// What is wrong with a sweep.
 #[derive(Debug, thiserror::Error)]
 pub enum SweepError {
@@ -61,6 +63,17 @@ pub enum SweepError {
         /// What would do.
         expected: String,
     },
+    /// A sweep of another kind than the command is about.
+    #[error(
+        "the folder holds a sweep of kind {found}: `cardiotwin sweep {found} COHORT --results-only` tells its results"
+    )]
+    OtherKind {
+        /// Which.
+        found: &'static str,
+    },
+    /// Members of a robustness sweep.
+    #[error(transparent)]
+    Design(#[from] DesignError),
     /// The design or its outputs.
     #[error(transparent)]
     Sobol(#[from] SobolError),

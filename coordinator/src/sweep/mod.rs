@@ -6,5 +6,6 @@
 mod error;
 pub mod folder;
 pub mod gsa;
+pub mod robustness;
 
 pub use error::SweepError;

@@ -178,10 +178,11 @@ fn check(spec: &GsaSpec) -> Result<(), SweepError> {
 /// The settings of a folder's sweep.
 ///
 /// # Errors
-/// [`SweepError::Occupied`] where it is a sweep of another kind.
+/// [`SweepError::OtherKind`] where it is a sweep of another kind.
 pub fn of(file: SweepFile) -> Result<GsaSpec, SweepError> {
     match file.sweep {
         SweepSpec::Gsa(spec) => Ok(*spec),
+        other => Err(SweepError::OtherKind { found: other.kind() }),
     }
 }
 

@@ -68,13 +68,13 @@ pub fn run(spec: &PassiveStateSpec, context: &mut Context) -> Result<TaskResult,
         exponent: law.exponent,
     };
     // Last, so that nothing above rests on anything but the data as measured.
-    perturbation::apply(&spec.biomarker_factors, &mut measured.biomarkers)?;
-    remarks.extend(perturbation::remark(&spec.biomarker_factors));
+    let biomarker_factors = perturbation::apply(&spec.biomarker_factors, &mut measured.biomarkers)?;
+    remarks.extend(perturbation::remark(&biomarker_factors));
     Ok(TaskResult::PassiveState(PassiveStateResult {
         organ: OrganSpec::Reduced { passive, activation },
         circulation,
         measured: measured.biomarkers,
-        biomarker_factors: spec.biomarker_factors.clone(),
+        biomarker_factors,
         time_points: biomarkers::to_schema(&measured.set).1,
         estimates,
         diastasis_volume_error_ml: diastasis

@@ -10,24 +10,26 @@ use cardiotwin_schemas::biomarkers::Biomarkers;
 
 use crate::error::TaskError;
 
-/// Multiplies measured biomarkers by their factors.
+/// Multiplies measured biomarkers by their factors; returns the factors of those that were measured.
 ///
 /// - `factors`: by keys of [`cardiotwin_schemas::biomarkers::STEP1_BIOMARKERS`], positive
 ///
 /// # Errors
-/// [`TaskError::Factor`] for a key that step 1 does not fit, a biomarker that was not measured, or a factor that is not
-/// positive and finite.
-pub fn apply(factors: &BTreeMap<String, f64>, measured: &mut Biomarkers) -> Result<(), TaskError> {
+/// [`TaskError::Factor`] for a key that step 1 does not fit, or a factor that is not positive and finite.
+pub fn apply(factors: &BTreeMap<String, f64>, measured: &mut Biomarkers) -> Result<BTreeMap<String, f64>, TaskError> {
+    let mut applied = BTreeMap::new();
     for (name, factor) in factors {
         let refused = |why| TaskError::Factor { name: name.clone(), factor: *factor, why };
         let place = measured.step1_target_mut(name).ok_or_else(|| refused("step 1 fits no such biomarker"))?;
-        let value = place.as_mut().ok_or_else(|| refused("it was not measured"))?;
         if !(*factor > 0.0 && factor.is_finite()) {
             return Err(refused("it is not positive and finite"));
         }
-        *value *= factor;
+        if let Some(value) = place {
+            *value *= factor;
+            applied.insert(name.clone(), *factor);
+        }
     }
-    Ok(())
+    Ok(applied)
 }
 
 /// What a reader of the result must know.
@@ -58,8 +60,11 @@ mod tests {
     #[test]
     fn named_targets_change_and_nothing_else() {
         let mut found = measured();
+        let absent = factors("tau_VD_ms", 1.1);
+        assert_eq!(apply(&absent, &mut found).unwrap(), BTreeMap::new(), "what was not measured has no factor");
+        assert_eq!(found, measured());
         let both = BTreeMap::from([("P_max_mmHg".to_owned(), 1.1), ("dPdt_min_mmHg_per_ms".to_owned(), 0.9)]);
-        apply(&both, &mut found).unwrap();
+        assert_eq!(apply(&both, &mut found).unwrap(), both);
         assert!((found.p_max_mmhg.unwrap() - 132.0).abs() < 1e-12);
         assert!((found.dpdt_min_mmhg_per_ms.unwrap() + 1.35).abs() < 1e-12);
         assert_eq!((found.sv_ml, found.edv_ml), (Some(80.0), Some(140.0)));
@@ -71,7 +76,6 @@ mod tests {
     fn what_makes_no_sense_is_refused_by_name() {
         let refusal = |name: &str, factor: f64| apply(&factors(name, factor), &mut measured()).unwrap_err().to_string();
         assert!(refusal("EDV_mL", 1.1).contains("`EDV_mL`"));
-        assert!(refusal("tau_VD_ms", 1.1).contains("not measured"));
         for factor in [0.0, -1.0, f64::NAN, f64::INFINITY] {
             assert!(refusal("P_max_mmHg", factor).contains("positive"), "{factor}");
         }

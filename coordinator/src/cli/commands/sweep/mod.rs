@@ -5,6 +5,8 @@ mod drive;
 mod gsa;
 mod outcome;
 mod report;
+mod robustness;
+mod robustness_text;
 mod screen;
 mod show;
 mod status;
@@ -15,7 +17,7 @@ use crate::cli::error::CliError;
 use crate::cli::exit::Exit;
 use crate::cli::talk::Talk;
 
-/// Sweep over parameters: sensitivity analysis
+/// Sweep over parameters: sensitivity analysis, robustness of personalisations
 #[derive(Debug, Args)]
 pub struct SweepArgs {
     #[command(subcommand)]
@@ -25,6 +27,7 @@ pub struct SweepArgs {
 #[derive(Debug, Subcommand)]
 enum SweepCommand {
     Gsa(gsa::GsaArgs),
+    Robustness(robustness::RobustnessArgs),
     Status(status::StatusArgs),
     Show(show::ShowArgs),
     Report(report::ReportArgs),
@@ -38,6 +41,7 @@ enum SweepCommand {
 pub async fn execute(args: &SweepArgs, talk: &Talk) -> Result<Exit, CliError> {
     match &args.command {
         SweepCommand::Gsa(args) => gsa::execute(args, talk).await,
+        SweepCommand::Robustness(args) => robustness::execute(args, talk).await,
         SweepCommand::Status(args) => status::execute(args, talk).await,
         SweepCommand::Show(args) => show::execute(args, talk).await,
         SweepCommand::Report(args) => report::execute(args, talk).await,

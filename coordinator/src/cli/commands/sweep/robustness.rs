@@ -1,0 +1,290 @@
+//! `cardiotwin sweep robustness`: whole personalisations around uncertain data or initial guesses.
+
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use cardiotwin_schemas::SCHEMA_VERSION;
+use cardiotwin_schemas::ids::PatientId;
+use cardiotwin_schemas::plan::ResolvedPatient;
+use cardiotwin_schemas::record::RunRecord;
+use cardiotwin_schemas::robustness::{RobustnessResult, RobustnessSpec, Uncertainty};
+use cardiotwin_schemas::sweep::{SweepFile, SweepSpec};
+use clap::{Args, ValueEnum};
+
+use super::drive::drive;
+use super::robustness_text;
+use crate::cli::error::CliError;
+use crate::cli::exit::Exit;
+use crate::cli::problems;
+use crate::cli::table::duration;
+use crate::cli::talk::{Talk, count};
+use crate::clock;
+use crate::engine::{Reader, RunOptions, RunSummary};
+use crate::input::{self, Cohort, Options, Report};
+use crate::report::write_robustness;
+use crate::sweep::{SweepError, folder, robustness};
+
+/// Word that names every patient.
+const ALL: &str = "all";
+
+/// Personalise around uncertain data or initial guesses, and tell the spread (Tables 3 to 10 and Figure 6 of the paper)
+#[derive(Debug, Args)]
+#[command(
+    after_help = "The same command goes on where an earlier one stopped; nothing finished is computed again. The folder \
+                  is a run: `status`, `show`, `logs` and `cancel` work on it."
+)]
+pub struct RobustnessArgs {
+    /// Folder of the cohort
+    #[arg(value_name = "COHORT", default_value = ".")]
+    cohort: PathBuf,
+    /// What is varied: the measured biomarkers, or the initial guesses of both steps
+    #[arg(long, value_name = "data|guess", value_enum)]
+    kind: Kind,
+    /// Whose personalisation (may be given several times), or `all` [default: all]
+    #[arg(long = "patient", value_name = "PATIENT")]
+    patients: Vec<String>,
+    /// Samples of the Latin hypercube [default: 10 for data, 5 for guess, as in the paper]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    samples: Option<u32>,
+    /// Members that differ in step 2's seed alone [default: 0 for data, 5 for guess]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=100_000))]
+    seeds: Option<u32>,
+    /// Half-width of the hypercube as a share of each value [default: 0.1 for data, 0.5 for guess]
+    #[arg(long, value_name = "SHARE")]
+    range: Option<f64>,
+    /// Seed of the hypercube [default: 1]
+    #[arg(long, value_name = "S")]
+    seed: Option<u64>,
+    /// Folder of the sweep [default: COHORT/sweeps/robustness-KIND]
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Workers at once; 0 is one for each core
+    #[arg(long, value_name = "N")]
+    workers: Option<u32>,
+    /// Settings on top of all files (may be given several times); `config show` lists the keys
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    set: Vec<String>,
+    /// Make the tables of what is there, and run nothing
+    #[arg(long)]
+    results_only: bool,
+    /// The worker's executable [default: cardiotwin-worker beside this program]
+    #[arg(long, value_name = "PATH")]
+    worker: Option<PathBuf>,
+    /// One JSON object instead of tables
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Kind {
+    Data,
+    Guess,
+}
+
+impl Kind {
+    fn over(self) -> Uncertainty {
+        match self {
+            Self::Data => Uncertainty::Data,
+            Self::Guess => Uncertainty::Guess,
+        }
+    }
+}
+
+/// Runs, and tells.
+///
+/// # Errors
+/// [`CliError::Input`] when anything is wrong with the cohort; the sweep's, the engine's and the report's.
+pub async fn execute(args: &RobustnessArgs, talk: &Talk) -> Result<Exit, CliError> {
+    let began = Instant::now();
+    let out = args
+        .out
+        .clone()
+        .unwrap_or_else(|| args.cohort.join("sweeps").join(format!("robustness-{}", args.kind.over().word())));
+    let before = before(args.kind.over(), &out)?;
+    let cohort = load(args, before.as_ref(), talk)?;
+    let spec = specification(args, before.as_ref(), &cohort, &out)?;
+    let plans = cohort.plans();
+    let members = members(&spec, &plans)?;
+    let mut summary = None;
+    if !args.results_only {
+        take(&out, &spec)?;
+        summary = Some(run(args, &cohort, &out, members, talk).await?);
+    }
+    let record = Reader::open(&out).await?.record().await?;
+    let result = robustness::result(&spec, &plans, &record).map_err(SweepError::from)?;
+    let page = write(&result, &record, &out)?;
+    if args.json {
+        talk.json(&result)?;
+    } else {
+        talk.data(&robustness_text::tables(&result, talk))?;
+    }
+    talk.say(&format!("tables and figure: {}", page.display()));
+    Ok(summary.map_or(Exit::Ok, |summary| ended(&summary, began, talk)))
+}
+
+/// What the folder is about already.
+fn before(over: Uncertainty, out: &Path) -> Result<Option<RobustnessSpec>, CliError> {
+    match folder::find(out)?.map(|file| file.sweep) {
+        None => Ok(None),
+        Some(SweepSpec::Robustness(spec)) if spec.over == over => Ok(Some(*spec)),
+        Some(other) => {
+            let changes = format!("it is a sweep of {}", described(&other));
+            Err(SweepError::Changed { path: out.to_owned(), changes }.into())
+        }
+    }
+}
+
+/// The patients of the sweep: those named and those that it has; the whole cohort where nobody is named. Or all problems.
+fn load(args: &RobustnessArgs, before: Option<&RobustnessSpec>, talk: &Talk) -> Result<Cohort, CliError> {
+    let mut set = args.set.clone();
+    set.extend(args.workers.map(|n| format!("executor.workers={n}")));
+    let mut only: Vec<String> = before.map_or(Vec::new(), |s| s.patients.iter().map(ToString::to_string).collect());
+    only.extend(
+        args.patients
+            .iter()
+            .filter(|id| !before.is_some_and(|s| s.patients.iter().any(|p| p.as_str() == **id)))
+            .cloned(),
+    );
+    if args.patients.iter().any(|id| id == ALL) {
+        only.clear();
+    }
+    let mut report = Report::default();
+    let cohort = input::load(&args.cohort, &Options { set, only, ..Options::default() }, &mut report);
+    let said = problems::text(&report, talk.colour_err);
+    if !said.is_empty() {
+        talk.say(said.trim_end());
+    }
+    cohort
+        .filter(|_| report.n_errors() == 0)
+        .ok_or_else(|| CliError::Input { errors: count(report.n_errors(), "error") })
+}
+
+/// What was asked for; what was not is as the folder has it, else as in the paper.
+fn specification(
+    args: &RobustnessArgs,
+    before: Option<&RobustnessSpec>,
+    cohort: &Cohort,
+    out: &Path,
+) -> Result<RobustnessSpec, CliError> {
+    let over = args.kind.over();
+    let paper = match over {
+        Uncertainty::Data => (10, 0, robustness::DATA_RANGE),
+        Uncertainty::Guess => (5, 5, robustness::GUESS_RANGE),
+    };
+    let spec = RobustnessSpec {
+        over,
+        patients: cohort.patients.iter().map(|p| PatientId(p.id.clone())).collect(),
+        n_samples: args.samples.or(before.map(|s| s.n_samples)).unwrap_or(paper.0),
+        n_seeds: args.seeds.or(before.map(|s| s.n_seeds)).unwrap_or(paper.1),
+        range: args.range.or(before.map(|s| s.range)).unwrap_or(paper.2),
+        seed: args.seed.or(before.map(|s| s.seed)).unwrap_or(1),
+    };
+    if !(spec.range > 0.0 && spec.range < 1.0) {
+        let expected = "a share above 0 and below 1, for example 0.1 for ±10 %".to_owned();
+        return Err(SweepError::Setting { name: "--range".into(), found: spec.range.to_string(), expected }.into());
+    }
+    match before.map(|before| changes(before, &spec)).filter(|changes| !changes.is_empty()) {
+        Some(changes) => Err(SweepError::Changed { path: out.to_owned(), changes: changes.join(", ") }.into()),
+        None => Ok(spec),
+    }
+}
+
+fn described(sweep: &SweepSpec) -> String {
+    match sweep {
+        SweepSpec::Robustness(spec) => format!("robustness of kind {}", spec.over.word()),
+        other => other.kind().to_owned(),
+    }
+}
+
+/// Settings on which the samples depend. More patients and more seeds are no change.
+fn changes(before: &RobustnessSpec, now: &RobustnessSpec) -> Vec<String> {
+    let mut changes = Vec::new();
+    let mut compare = |name: &str, before: String, now: String| {
+        if before != now {
+            changes.push(format!("{name} {before} then, {now} now"));
+        }
+    };
+    compare("--samples", before.n_samples.to_string(), now.n_samples.to_string());
+    compare("--range", before.range.to_string(), now.range.to_string());
+    compare("--seed", before.seed.to_string(), now.seed.to_string());
+    changes
+}
+
+/// All members of all patients.
+fn members(spec: &RobustnessSpec, plans: &[ResolvedPatient]) -> Result<Vec<ResolvedPatient>, CliError> {
+    let mut all = Vec::new();
+    for plan in plans {
+        let members = robustness::members(plan, spec).map_err(SweepError::from)?;
+        all.extend(members.into_iter().map(|member| member.plan));
+    }
+    Ok(all)
+}
+
+/// Says in the folder what it is about.
+fn take(out: &Path, spec: &RobustnessSpec) -> Result<(), CliError> {
+    let sweep = SweepSpec::Robustness(Box::new(spec.clone()));
+    let before = folder::find(out)?;
+    if before.as_ref().is_some_and(|file| file.sweep == sweep) {
+        return Ok(());
+    }
+    let file = SweepFile {
+        schema_version: SCHEMA_VERSION,
+        version: env!("CARGO_PKG_VERSION").to_owned(),
+        created: before.map_or_else(clock::now_utc, |file| file.created),
+        sweep,
+    };
+    Ok(folder::write(out, &file)?)
+}
+
+async fn run(
+    args: &RobustnessArgs,
+    cohort: &Cohort,
+    out: &Path,
+    members: Vec<ResolvedPatient>,
+    talk: &Talk,
+) -> Result<RunSummary, CliError> {
+    let options = RunOptions {
+        run_dir: out.to_owned(),
+        cohort_name: cohort.name.clone(),
+        description: format!("robustness, {}", args.kind.over().word()),
+        cohort_dir: cohort.directory.clone(),
+        patients: Some(members),
+        only: Vec::new(),
+        executor: cohort.settings.settings.executor.clone(),
+        worker: args.worker.clone(),
+    };
+    drive(options, "personalisations", talk).await
+}
+
+/// Writes all files; tells the page.
+fn write(result: &RobustnessResult, record: &RunRecord, out: &Path) -> Result<PathBuf, CliError> {
+    let json = serde_json::to_string_pretty(result).expect("a result is JSON") + "\n";
+    for (name, text) in [
+        ("robustness.json", json),
+        ("tables.csv", robustness::tables_csv(result)),
+        ("members.csv", robustness::members_csv(result)),
+        ("targets.csv", robustness::targets_csv(result)),
+    ] {
+        folder::write_result(out, name, &text)?;
+    }
+    let page = out.join(folder::RESULTS).join("robustness.html");
+    write_robustness(result, record, &page).map_err(CliError::Report)?;
+    Ok(page)
+}
+
+fn ended(summary: &RunSummary, began: Instant, talk: &Talk) -> Exit {
+    let failed = summary.failed + summary.cancelled;
+    talk.say(&format!(
+        "{} in {}: {} done, {failed} failed or cancelled, {} not over; {} published",
+        count(summary.patients, "personalisation"),
+        duration(began.elapsed().as_secs_f64()),
+        summary.done,
+        summary.unfinished,
+        count(usize::try_from(summary.published).unwrap_or(usize::MAX), "task"),
+    ));
+    if summary.stopped {
+        talk.say("stopped; nothing finished is lost, and the same command goes on");
+        return Exit::Interrupted;
+    }
+    if failed > 0 { Exit::Problems } else { Exit::Ok }
+}

@@ -1,0 +1,241 @@
+//! The page of a robustness sweep: loops and traces as in Figure 6 of Jung et al. 2022, tables as its 3 to 10.
+
+use std::collections::HashMap;
+use std::path::Path;
+
+use cardiotwin_schemas::ids::PatientId;
+use cardiotwin_schemas::record::{PatientRecord, RunRecord};
+use cardiotwin_schemas::robustness::{
+    Condition, MemberRole, PatientRobustness, QuantitySpread, RobustnessResult, RobustnessTable, TableKind, Uncertainty,
+};
+use maud::{Markup, html};
+
+use super::figures::{at, figure, legend};
+use super::format::{count, significant, symbol};
+use super::page::page;
+use super::plot::{Axis, Chart, Reading, Scale, Series};
+use super::write::write;
+use crate::results::{SignalKind, Signals, Source, WriteError};
+
+/// Samples below the originals, step 2 below step 1, as in the figure.
+const LINES: [(MemberRole, Source, &str); 4] = [
+    (MemberRole::Sample, Source::Step2, "step2 sample"),
+    (MemberRole::Sample, Source::Step1, "step1 sample"),
+    (MemberRole::Original, Source::Step2, "step2 original"),
+    (MemberRole::Original, Source::Step1, "step1 original"),
+];
+
+/// Points of a line of some member's step.
+type PointsOf<'a> = &'a dyn Fn(&Signals, Source) -> Option<Vec<(f64, f64)>>;
+
+/// Writes the page of a sweep.
+///
+/// # Errors
+/// [`WriteError`] when the file cannot be written.
+pub fn write_robustness(result: &RobustnessResult, run: &RunRecord, out: &Path) -> Result<(), WriteError> {
+    let records: HashMap<&PatientId, &PatientRecord> = run.patients.iter().map(|p| (&p.plan.id, p)).collect();
+    let title = format!("{} · robustness · cardiotwin", result.cohort);
+    let content = html! {
+        h1 { (result.cohort) ": robustness against " (words(result.spec.over)) }
+        p.lead { (lead(result)) }
+        @for patient in &result.patients { (section(result, patient, &records)) }
+    };
+    write(out, &page(&title, &nav(result), &content))
+}
+
+fn nav(result: &RobustnessResult) -> Markup {
+    html! {
+        nav aria-label="patients" {
+            div.navhead {
+                a.home href="#" { (result.cohort) }
+                button.theme type="button" title="light or dark" aria-label="switch between light and dark" { "◐" }
+            }
+            ol { @for p in &result.patients { li { a href={ "#p-" (p.patient) } { (p.patient) } } } }
+        }
+    }
+}
+
+fn words(over: Uncertainty) -> &'static str {
+    match over {
+        Uncertainty::Data => "uncertain data",
+        Uncertainty::Guess => "initial guesses",
+    }
+}
+
+fn lead(result: &RobustnessResult) -> String {
+    let spec = &result.spec;
+    let what = match spec.over {
+        Uncertainty::Data => "the biomarkers that step 1 aims at",
+        Uncertainty::Guess => "the initial guesses of both steps",
+    };
+    let seeds = match spec.n_seeds {
+        0 => String::new(),
+        n => format!("; {} that differ in step 2's seed alone", count(n as usize, "member")),
+    };
+    format!(
+        "{} of whole personalisations, a Latin hypercube over ±{} % of {what}{seeds}. Differences are relative to the \
+         original personalisation, without sign.",
+        count(spec.n_samples as usize, "sample"),
+        significant(100.0 * spec.range, 3)
+    )
+}
+
+fn section(
+    result: &RobustnessResult,
+    patient: &PatientRobustness,
+    records: &HashMap<&PatientId, &PatientRecord>,
+) -> Markup {
+    let failed: Vec<_> = patient.members.iter().filter(|m| m.failure.is_some()).collect();
+    html! {
+        section.patient id={ "p-" (patient.patient) } {
+            header { h2 { (patient.patient) } }
+            (conditions(&patient.conditions))
+            @if !failed.is_empty() {
+                ul.notes {
+                    @for m in failed {
+                        li { span.sign.bad { "✕" } span { b { (m.id) } ": " (m.failure.as_deref().unwrap_or_default()) } }
+                    }
+                }
+            }
+            (figure_6(patient, records))
+            @for table in &patient.tables { (spread_table(table, result.spec.over, false)) }
+            @if !patient.inputs.is_empty() {
+                (table("What was varied", &patient.inputs, false))
+            }
+            @if !patient.seed_tables.is_empty() {
+                h3 { "By step 2's seed alone" }
+                @for table in &patient.seed_tables { (spread_table(table, result.spec.over, true)) }
+            }
+        }
+    }
+}
+
+fn conditions(conditions: &[Condition]) -> Markup {
+    html! {
+        ul.notes {
+            @for c in conditions {
+                @let (class, sign, word) = match c.passed {
+                    Some(true) => ("good", "●", "passed"),
+                    Some(false) => ("warn", "▲", "missed"),
+                    None => ("quiet", "○", "open"),
+                };
+                li { span class={ "sign " (class) } aria-hidden="true" { (sign) } span { b { (word) ": " } (c.name) ": " (c.found) " (asked: " (c.limit) ")" } }
+            }
+        }
+    }
+}
+
+/// Loops, pressures and volumes of both steps: samples light, originals bold.
+fn figure_6(patient: &PatientRobustness, records: &HashMap<&PatientId, &PatientRecord>) -> Markup {
+    let read = |role: MemberRole| {
+        let members = patient.members.iter().filter(move |m| m.role == role);
+        members.filter_map(|m| records.get(&m.id).map(|r| (m.id.to_string(), Signals::read(r)))).collect::<Vec<_>>()
+    };
+    let signals: HashMap<&str, Vec<(String, Signals)>> =
+        [MemberRole::Original, MemberRole::Sample].map(|role| (role.word(), read(role))).into();
+    let cycle =
+        patient.members.iter().find_map(|m| Some(records.get(&m.id)?.plan.step0.cycle_length_ms)).unwrap_or(1.0);
+    let lines = |points: PointsOf<'_>| {
+        let mut series = Vec::new();
+        for (role, source, class) in LINES {
+            for (id, signals) in &signals[role.word()] {
+                if let Some(points) = points(signals, source) {
+                    series.push(Series { class, name: format!("{id}, {}", source.name()), points, dots: false });
+                }
+            }
+        }
+        series
+    };
+    let over_time = |kind: SignalKind, title: &str| {
+        let series = lines(&|signals, source| signals.get(source, kind).map(<[_]>::to_vec));
+        let values: Vec<f64> = series.iter().flat_map(|s| s.points.iter().map(|p| p.1)).collect();
+        let y = Axis::new(title, kind.unit(), Scale::linear(values, kind == SignalKind::Pressure)?);
+        let x = Axis::new("time (ms)", "ms", Scale::exact(0.0, cycle));
+        let mut chart = Chart::new(format!("{} of {} over time", kind.name(), patient.patient), x, y);
+        chart.series = series;
+        chart.reading = Reading::Nearest;
+        Some(chart)
+    };
+    let loops = || {
+        let series = lines(&|signals, source| {
+            let volume = signals.get(source, SignalKind::Volume)?;
+            let pressure = signals.get(source, SignalKind::Pressure)?;
+            Some(pressure.iter().filter_map(|(t, p)| Some((at(volume, *t)?, *p))).collect())
+        });
+        let all = || series.iter().flat_map(|s| s.points.iter());
+        let x = Axis::new("volume (mL)", "mL", Scale::linear(all().map(|p| p.0), false)?);
+        let y = Axis::new("pressure (mmHg)", "mmHg", Scale::linear(all().map(|p| p.1), true)?);
+        let mut chart = Chart::new(format!("pressure-volume loops of {}", patient.patient), x, y);
+        chart.series = series;
+        chart.reading = Reading::Nearest;
+        Some(chart)
+    };
+    let absent = "No simulation has finished yet.";
+    let none = html! {};
+    html! {
+        h3 { "Pressure and volume (Figure 6)" }
+        (legend(&[
+            ("step1 original", "step 1, original".to_owned()),
+            ("step1 sample", "samples".to_owned()),
+            ("step2 original", "step 2, original".to_owned()),
+            ("step2 sample", "samples".to_owned()),
+        ]))
+        div.figures.three {
+            (figure("(a) Pressure-volume loops", loops(), absent, &none))
+            (figure("(b) Pressure", over_time(SignalKind::Pressure, "pressure (mmHg)"), absent, &none))
+            (figure("(c) Volume", over_time(SignalKind::Volume, "volume (mL)"), absent, &none))
+        }
+    }
+}
+
+fn spread_table(found: &RobustnessTable, over: Uncertainty, by_seed: bool) -> Markup {
+    let title = match found.table {
+        TableKind::Step1Parameters => "Step 1, parameters",
+        TableKind::Step1Biomarkers => "Step 1, biomarkers",
+        TableKind::Step2Parameters => "Step 2, parameters",
+        TableKind::Step2Biomarkers => "Step 2, biomarkers of the verification beat",
+    };
+    let numbered = format!("{title} (Table {})", found.table.paper(over));
+    table(if by_seed { title } else { &numbered }, &found.quantities, true)
+}
+
+fn table(title: &str, quantities: &[QuantitySpread], results: bool) -> Markup {
+    let amplified = quantities.iter().any(|q| q.amplification.is_some());
+    let paper = quantities.iter().any(|q| q.paper.is_some());
+    html! {
+        div.scroll { table {
+            caption { (title) }
+            thead { tr {
+                th { "quantity" } th { "original" } th { "mean" } th { "SD" } th { "min" } th { "max" }
+                @if results { th { "difference, mean (SD; max) %" } }
+                @if paper { th { "paper's %" } }
+                th { "spread %" }
+                @if amplified { th { "of the input's" } }
+            } }
+            tbody { @for q in quantities { tr {
+                th { (symbol(&q.name)) }
+                td.num { (significant(q.original, 4)) }
+                td.num { (significant(q.values.mean, 4)) }
+                td.num { (q.values.standard_deviation.map_or_else(dash, |sd| significant(sd, 2))) }
+                td.num { (significant(q.values.minimum, 4)) }
+                td.num { (significant(q.values.maximum, 4)) }
+                @if results { td.num { (q.relative_differences.map_or_else(dash, |d| format!(
+                    "{} ({}; {})", percent(Some(d.mean)), percent(d.standard_deviation), percent(Some(d.maximum))
+                ))) } }
+                @if paper { td.num { (q.paper.as_ref().map_or_else(dash, |p| format!(
+                    "{} ({}; {})", p.mean_of_rel_diff_percent, p.sd_of_rel_diff_percent, p.max_of_rel_diff_percent
+                ))) } }
+                td.num { (percent(q.spread)) }
+                @if amplified { td.num { (q.amplification.as_ref().map_or_else(dash, |a| significant(a.ratio, 2))) } }
+            } } }
+        } }
+    }
+}
+
+fn percent(share: Option<f64>) -> String {
+    share.map_or_else(dash, |share| format!("{:.1}", 100.0 * share))
+}
+
+fn dash() -> String {
+    "\u{2013}".to_owned()
+}

@@ -1,0 +1,60 @@
+//! What the paper prints for its patient 02-CoA (Tables 3 to 10), as data.
+
+use std::collections::BTreeMap;
+use std::sync::LazyLock;
+
+use cardiotwin_schemas::robustness::PaperSpread;
+use serde::Deserialize;
+
+/// The printed tables.
+#[derive(Debug, Deserialize)]
+pub struct Paper {
+    /// Whose they are.
+    pub patient: String,
+    tables: BTreeMap<String, Table>,
+}
+
+#[derive(Debug, Deserialize)]
+struct Table {
+    quantities: BTreeMap<String, PaperSpread>,
+}
+
+/// Read once.
+pub static PAPER: LazyLock<Paper> =
+    LazyLock::new(|| serde_json::from_str(include_str!("paper_tables.json")).expect("the printed tables are JSON"));
+
+impl Paper {
+    /// A printed column; `None` where the table has none of that name.
+    #[must_use]
+    pub fn column(&self, table: u32, quantity: &str) -> Option<&PaperSpread> {
+        self.tables.get(&table.to_string())?.quantities.get(quantity)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use cardiotwin_schemas::robustness::{TableKind, Uncertainty};
+    use cardiotwin_schemas::settings::{CellFitSettings, STEP1_PARAMETERS};
+
+    #[test]
+    fn every_printed_column_has_our_name() {
+        for over in [Uncertainty::Data, Uncertainty::Guess] {
+            let table = |kind: TableKind| kind.paper(over);
+            for name in STEP1_PARAMETERS {
+                assert!(PAPER.column(table(TableKind::Step1Parameters), name).is_some(), "{name}");
+            }
+            for biomarker in crate::results::Biomarker::TABLE_2 {
+                for kind in [TableKind::Step1Biomarkers, TableKind::Step2Biomarkers] {
+                    assert!(PAPER.column(table(kind), biomarker.key()).is_some(), "{}", biomarker.key());
+                }
+            }
+            // The paper prints all fitted parameters but a_p.
+            for name in CellFitSettings::default().parameters.iter().filter(|name| *name != "a_p_kPa") {
+                assert!(PAPER.column(table(TableKind::Step2Parameters), name).is_some(), "{name}");
+            }
+        }
+        let columns: usize = PAPER.tables.values().map(|t| t.quantities.len()).sum();
+        assert_eq!((PAPER.tables.len(), columns), (8, 2 * (6 + 5 + 9 + 5)));
+    }
+}
