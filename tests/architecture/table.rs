@@ -84,7 +84,17 @@ pub const ROOMS: &[Rule] = &[
     Rule {
         who: "cli",
         may: &[
-            "engine", "sweep", "report", "export", "results", "input", "schemas", "signals", "units", "calibrate", "clock",
+            "engine",
+            "sweep",
+            "report",
+            "export",
+            "results",
+            "input",
+            "schemas",
+            "signals",
+            "units",
+            "calibrate",
+            "clock",
         ],
         why: "words and tables for people; no SQL among the commands",
     },

@@ -72,6 +72,8 @@ mod tests {
         let short = read(&rows((0..=50).map(f64::from)), 100.0).unwrap_err();
         assert!(short.contains("ends at 50 ms, expected at least 80 ms"), "{short}");
         let negative = read("time_ms,Ca_uM\n0,0.1\n1,-0.2\n2,0.1\n", 2.0).unwrap_err();
-        assert!(negative.contains("-0.2 uM at 1 ms"), "{negative}");
+        assert!(negative.contains("calcium.csv:3: Ca_uM: found `-0.2`"), "{negative}");
+        let zero = read("time_ms,Ca_uM\n0,0.1\n1,0\n2,0.1\n", 2.0).unwrap_err();
+        assert!(zero.contains("0 uM at 1 ms"), "{zero}");
     }
 }

@@ -20,6 +20,6 @@ pub use active_stress::{ActiveStressBiomarkers, CalciumDurations};
 pub use biomarkers::{BiomarkerError, BiomarkerSet, Flag, TimePoints};
 pub use cycle::Continuation;
 pub use problem::{Problem, Severity};
-pub use read::{Reading, parse_trace, read_trace};
+pub use read::{Origin, Reading, parse_trace, parse_trace_from, read_trace, read_trace_from};
 pub use resample::resample;
 pub use trace::{Quantity, Trace, TraceError};

@@ -23,32 +23,53 @@ pub struct Reading {
     pub problems: Vec<Problem>,
 }
 
-/// Reads a trace file; a file that cannot be opened is a problem among others.
+/// Who names a trace's file, and what the trace is for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Origin {
+    /// A patient's file: the trace is resampled, so that gaps count.
+    Patient,
+    /// The command line: the trace is fitted, with samples of any spacing.
+    CommandLine,
+}
+
+/// Reads a patient's trace file; a file that cannot be opened is a problem among others.
 #[must_use]
 pub fn read_trace(file: &Path, quantity: Quantity) -> Reading {
+    read_trace_from(Origin::Patient, file, quantity)
+}
+
+/// Reads a trace file; one that cannot be opened is a problem among others.
+#[must_use]
+pub fn read_trace_from(origin: Origin, file: &Path, quantity: Quantity) -> Reading {
     match std::fs::read(file) {
-        Ok(bytes) => parse_trace(&bytes, file, quantity),
+        Ok(bytes) => parse_trace_from(origin, &bytes, file, quantity),
         Err(cause) => Reading {
             trace: None,
             problems: vec![Problem::error(
                 file,
                 format!("no readable file ({cause})"),
-                format!("a CSV file with the columns {}", header(quantity)),
-                if from_patient(quantity) {
-                    "check the name in patient.toml and the file's permissions"
-                } else {
-                    "check the name and the file's permissions"
+                format!("a CSV file with the columns {}", header(default_column(origin, quantity))),
+                match origin {
+                    Origin::Patient => "check the name in patient.toml and the file's permissions",
+                    Origin::CommandLine => "check the name and the file's permissions",
                 },
             )],
         },
     }
 }
 
-/// Reads a trace from a file's contents; `file` names it in problems.
+/// Reads a patient's trace from a file's contents; `file` names it in problems.
 #[must_use]
 pub fn parse_trace(bytes: &[u8], file: &Path, quantity: Quantity) -> Reading {
+    parse_trace_from(Origin::Patient, bytes, file, quantity)
+}
+
+/// Reads a trace from a file's contents; `file` names it in problems.
+#[must_use]
+pub fn parse_trace_from(origin: Origin, bytes: &[u8], file: &Path, quantity: Quantity) -> Reading {
     let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
-    let mut parser = Parser { file, bytes, quantity, problems: Vec::new() };
+    let mut parser =
+        Parser { file, bytes, quantity, origin, column: default_column(origin, quantity), problems: Vec::new() };
     let samples = parser.samples();
     let trace = samples.and_then(|s| parser.trace(&s));
     let mut problems = parser.problems;
@@ -56,22 +77,24 @@ pub fn parse_trace(bytes: &[u8], file: &Path, quantity: Quantity) -> Reading {
     Reading { trace, problems }
 }
 
-/// Whether patient.toml names such files.
-fn from_patient(quantity: Quantity) -> bool {
-    matches!(quantity, Quantity::Pressure | Quantity::Volume)
-}
-
 /// What to do about a file without samples.
-fn export_again(quantity: Quantity) -> &'static str {
-    if from_patient(quantity) {
-        "export the trace again, or remove it from patient.toml"
-    } else {
-        "export the trace again"
+fn export_again(origin: Origin) -> &'static str {
+    match origin {
+        Origin::Patient => "export the trace again, or remove it from patient.toml",
+        Origin::CommandLine => "export the trace again",
     }
 }
 
-fn header(quantity: Quantity) -> String {
-    format!("`time_ms,{}`", quantity.column())
+/// The column that a file should have which has none of the quantity's.
+fn default_column(origin: Origin, quantity: Quantity) -> &'static str {
+    match origin {
+        Origin::Patient => quantity.column(),
+        Origin::CommandLine => quantity.other_column().unwrap_or(quantity.column()),
+    }
+}
+
+fn header(column: &str) -> String {
+    format!("`time_ms,{column}`")
 }
 
 /// A sample and the line that it stands in.
@@ -85,6 +108,9 @@ struct Parser<'a> {
     file: &'a Path,
     bytes: &'a [u8],
     quantity: Quantity,
+    origin: Origin,
+    /// Name of the value's column.
+    column: &'static str,
     problems: Vec<Problem>,
 }
 
@@ -107,13 +133,13 @@ impl Parser<'_> {
             Some(Err(cause)) => {
                 self.error(
                     format!("text that is not CSV ({cause})"),
-                    header(self.quantity),
+                    header(self.column),
                     "save the file as UTF-8 text with commas",
                 );
                 return None;
             }
             None => {
-                self.error("an empty file".into(), header(self.quantity), export_again(self.quantity));
+                self.error("an empty file".into(), header(self.column), export_again(self.origin));
                 return None;
             }
         };
@@ -143,7 +169,7 @@ impl Parser<'_> {
         told.finish(self.file, &mut self.problems);
         if samples.len() < 2 && sound {
             let found = format!("{} samples", samples.len());
-            self.error(found, "one beat's samples".into(), export_again(self.quantity));
+            self.error(found, "one beat's samples".into(), export_again(self.origin));
             return None;
         }
         sound.then_some(samples)
@@ -162,12 +188,12 @@ impl Parser<'_> {
     fn columns(&mut self, first: &csv::StringRecord) -> Option<Columns> {
         let names: Vec<&str> = first.iter().collect();
         let shown = names.join(",");
-        let expected = format!("the header {}", header(self.quantity));
+        let expected = format!("the header {}", header(self.column));
         let line = self.line(first.position());
         if names.iter().all(|n| n.parse::<f64>().is_ok()) {
             self.header_error(line, None, format!("the numbers `{shown}` and no header"), expected, format!(
                 "put {} above the numbers if these are their units, and convert them if not: units are never guessed",
-                header(self.quantity)
+                header(self.column)
             ));
             return None;
         }
@@ -177,14 +203,17 @@ impl Parser<'_> {
             self.header_error(line, None, found, expected, remedy);
             return None;
         }
+        let known = [Some(self.quantity.column()), self.quantity.other_column()];
+        let known = known.into_iter().flatten().find(|column| names.contains(column));
+        self.column = known.unwrap_or(self.column);
         let time = self.column(line, &names, "time_ms", time_like);
-        let value = self.column(line, &names, self.quantity.column(), |n| !time_like(n));
+        let value = self.column(line, &names, self.column, |n| !time_like(n));
         let (time, value) = (time?, value?);
         for (i, name) in names.iter().enumerate().filter(|(i, _)| *i != time && *i != value) {
             let problem = Problem::warning(
                 self.file,
                 format!("column {} `{name}`", i + 1),
-                format!("only {}", header(self.quantity)),
+                format!("only {}", header(self.column)),
                 "it is not read; remove it if that is meant",
             );
             self.problems.push(problem.at_line(line).at_key(*name));
@@ -221,7 +250,7 @@ impl Parser<'_> {
                 format!("this is a {other} file: are the two files swapped in patient.toml?")
             }
             (Some(n), _) => unit_remedy(n, wanted),
-            (None, _) => format!("add the column; the header must be {}", header(self.quantity)),
+            (None, _) => format!("add the column; the header must be {}", header(self.column)),
         };
         self.header_error(line, Some(wanted), found, format!("the column `{wanted}`"), remedy);
         None
@@ -246,7 +275,7 @@ impl Parser<'_> {
             told.push(Kind::Fields, problem.at_line(line), &mut self.problems);
             return None;
         }
-        let (value_column, unit) = (self.quantity.column(), self.quantity.unit());
+        let (value_column, unit) = (self.column, self.quantity.unit());
         let time_ms = self.number(line, &record[columns.time], "time_ms", "ms", told);
         let value = self.number(line, &record[columns.value], value_column, unit, told);
         let (time_ms, value) = (time_ms?, value?);
@@ -279,7 +308,7 @@ impl Parser<'_> {
             self.file,
             found,
             format!("a finite number in {unit}"),
-            if from_patient(self.quantity) {
+            if self.origin == Origin::Patient {
                 "remove the line or fill in what was measured; a few lost samples are bridged, a longer gap is reported"
             } else {
                 "remove the line or fill in what was measured"
@@ -296,11 +325,7 @@ impl Parser<'_> {
                 let problem = Problem::error(
                     self.file,
                     "values that increase throughout and times that do not",
-                    format!(
-                        "increasing times under `time_ms` and {}s under `{}`",
-                        self.quantity,
-                        self.quantity.column()
-                    ),
+                    format!("increasing times under `time_ms` and {}s under `{}`", self.quantity, self.column),
                     "the two columns look swapped: exchange their names in the header",
                 );
                 self.problems.push(problem.at_line(samples[0].line));
@@ -310,7 +335,7 @@ impl Parser<'_> {
             return None;
         }
         // A fit takes samples of any spacing.
-        if from_patient(self.quantity) {
+        if self.origin == Origin::Patient {
             self.gaps(samples);
         }
         let time_ms = samples.iter().map(|s| s.time_ms).collect();
@@ -379,8 +404,8 @@ fn unit_remedy(found: &str, wanted: &str) -> String {
         "volume_mL" if lower == "volume_l" || lower.contains("litre") || lower.contains("liter") => {
             Some("1 L = 1000 mL")
         }
-        "calcium_uM" if lower.ends_with("_nm") || lower.contains("nmol") => Some("1000 nM = 1 µM"),
-        "calcium_uM" if lower.contains("mmol") || found.ends_with("_mM") => Some("1 mM = 1000 µM"),
+        "calcium_uM" | "Ca_uM" if lower.ends_with("_nm") || lower.contains("nmol") => Some("1000 nM = 1 µM"),
+        "calcium_uM" | "Ca_uM" if lower.contains("mmol") || found.ends_with("_mM") => Some("1 mM = 1000 µM"),
         "volume_mL" if lower.contains("mm3") || lower.contains("ul") => Some("1000 mm3 = 1 mL"),
         _ => None,
     };

@@ -45,7 +45,9 @@ fn both_columns_wrong_are_two_problems() {
 
 #[test]
 fn a_calcium_transient_has_its_own_rules() {
-    let parse = |text: &str| parse_trace(text.as_bytes(), Path::new("calcium.csv"), Quantity::Calcium);
+    let parse_from =
+        |origin, text: &str| parse_trace_from(origin, text.as_bytes(), Path::new("calcium.csv"), Quantity::Calcium);
+    let parse = |text: &str| parse_from(Origin::CommandLine, text);
     let only = |text: &str| {
         let reading = parse(text);
         assert!(reading.trace.is_none() && reading.problems.len() == 1, "{:#?}", reading.problems);
@@ -60,6 +62,13 @@ fn a_calcium_transient_has_its_own_rules() {
     assert!(only("time_ms,calcium_nM\n0,100\n1,200\n").remedy.contains("1000 nM = 1 µM"));
     assert!(only("time_ms,pressure_mmHg\n0,1\n1,2\n").remedy.contains("rename it to `calcium_uM`"));
     assert!(!only("").remedy.contains("patient.toml"));
+    // Either name of the column will do; of a patient's trace gaps count.
+    let gap = "time_ms,Ca_uM\n0,0.1\n1,0.2\n2,0.5\n300,0.1\n";
+    assert!(parse(gap).problems.is_empty() && parse(gap).trace.is_some());
+    let of_patient = parse_from(Origin::Patient, gap);
+    assert_eq!(of_patient.problems.len(), 1, "{:#?}", of_patient.problems);
+    let p = parse_from(Origin::Patient, "time_ms,calcium\n0,1\n1,2\n").problems.remove(0);
+    assert_eq!(p.key.as_deref(), Some("Ca_uM"));
 }
 
 #[test]

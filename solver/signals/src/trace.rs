@@ -26,9 +26,15 @@ impl Quantity {
             Self::Pressure => "pressure_mmHg",
             Self::Volume => "volume_mL",
             Self::ActiveStress => "Sa_kPa",
-            Self::Calcium => "calcium_uM",
+            Self::Calcium => "Ca_uM",
             Self::Stretch => "lambda",
         }
+    }
+
+    /// Another name that the column may have in a measured file, where there is one.
+    #[must_use]
+    pub fn other_column(self) -> Option<&'static str> {
+        (self == Self::Calcium).then_some("calcium_uM")
     }
 
     /// Unit as printed in messages; empty when dimensionless.

@@ -98,7 +98,7 @@ fn problem(file: &Path, error: &CalciumFitError) -> Problem {
             let found = format!("no peak: the largest value is at {peak_ms} ms");
             let expected = format!("a rise after activation at {activation_ms} ms and a fall");
             let remedy = "give one whole transient, and --activation where it does not begin at 0 ms";
-            Problem::error(file, found, expected, remedy).at_key(Quantity::Calcium.column())
+            Problem::error(file, found, expected, remedy).at_key("calcium_uM")
         }
         CalciumFitError::Sample { .. } | CalciumFitError::Confidence { .. } | CalciumFitError::LeastSquares(_) => {
             Problem::error(file, error.to_string(), "a calcium transient", "look at the trace")

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use cardiotwin_signals::{Problem, Quantity, Trace, read_trace};
+use cardiotwin_signals::{Origin, Problem, Quantity, Trace, read_trace_from};
 
 use crate::cli::error::CliError;
 use crate::cli::problems;
@@ -14,7 +14,7 @@ use crate::input::Report;
 /// # Errors
 /// [`CliError::Trace`] where there is an error among them.
 pub fn read(file: &Path, quantity: Quantity, talk: &Talk) -> Result<Trace, CliError> {
-    let reading = read_trace(file, quantity);
+    let reading = read_trace_from(Origin::CommandLine, file, quantity);
     let n_errors = say(reading.problems, talk);
     reading.trace.filter(|_| n_errors == 0).ok_or_else(|| unusable(n_errors))
 }
