@@ -6,9 +6,14 @@
 pub mod adjacency;
 pub mod cavity;
 pub mod checks;
+pub mod eikonal;
 pub mod ellipsoid;
+pub mod fibres;
 pub mod files;
 pub mod find_surfaces;
+pub mod laplace;
+pub mod order;
+pub mod partition;
 pub mod quality;
 pub mod surface;
 #[cfg(test)]

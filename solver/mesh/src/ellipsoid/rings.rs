@@ -7,7 +7,7 @@ use std::f64::consts::TAU;
 /// Distance of neighbouring rings over that of neighbouring nodes on a ring: equilateral triangles.
 const RING_SPACING: f64 = 0.866_025_403_784_438_6;
 /// Thickness of a layer over the distance of neighbouring nodes on a ring: what gave the best mean ratio of those tried
-/// (`cargo run --release -p cardiotwin-mesh --example ellipsoid-quality`).
+/// (`cargo run --release -p cardiotwin-mesh --example mesh-figures`).
 const LAYER_SPACING: f64 = 0.8;
 /// Fewest layers: bending needs two elements across.
 const MIN_LAYERS: usize = 2;

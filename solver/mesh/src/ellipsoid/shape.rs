@@ -1,7 +1,9 @@
 //! The ellipsoid's lengths, its points and its closed-form volumes.
 
 use super::EllipsoidSpec;
+use crate::eikonal::Site;
 use crate::vec3::Vec3;
+use cardiotwin_units::Ms;
 use std::f64::consts::PI;
 
 /// A family of ellipsoids of revolution, one for each depth in the wall, cut by two planes.
@@ -96,6 +98,17 @@ impl Shape {
             -long * polar.cos()
         };
         [radius * angle.cos(), radius * angle.sin(), z]
+    }
+
+    /// Where activation begins in sinus rhythm, on the endocardium: mid-septal, anterior and posterior fascicle, at half of
+    /// the way from apex to base, as balls of 3 mm at time 0. Places are an assumption of ours.
+    #[must_use]
+    pub fn fascicles(&self) -> [Site; 3] {
+        [PI, 0.5 * PI, -0.5 * PI].map(|angle| Site {
+            at_mm: self.point(0.0, 0.5, angle),
+            radius_mm: 3.0,
+            time: Ms(0.0),
+        })
     }
 
     /// Volume of the solid ellipsoid of a depth, from its apex up to z, mm³: π a² (2c/3 + z − z³/(3c²)).

@@ -1,0 +1,302 @@
+//! Activation times from the anisotropic eikonal equation, sqrt(∇t · V ∇t) = 1, with V the tensor of squared speeds.
+//!
+//! On each element the arrival at a corner is the least over the opposite face of arrival there plus travel time with
+//! the element's own speeds; linear fields, that is plane waves, are exact. Corners are visited in the order of their
+//! times, and once more where a later visit makes them earlier, until nothing changes: the result is the fixed point,
+//! whatever the numbering.
+//!
+//! Sources: Fu, Kirby, Whitaker 2013, "Fast iterative method for the eikonal equation on tetrahedral domains", SIAM J. Sci.
+//! Comput. 35, C473, for the update; SPEC of the model in `docs/models.md`.
+
+mod update;
+
+use crate::adjacency::Adjacency;
+use crate::tet_mesh::{Frame, TetMesh, surface_names};
+use crate::vec3::{Vec3, distance, dot, norm, sub};
+use cardiotwin_units::Ms;
+use std::cmp::Reverse;
+use std::collections::BinaryHeap;
+
+/// Conduction speeds, mm/ms (= m/s).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Speeds {
+    /// Along the fibre.
+    pub fibre: f64,
+    /// Across, in the sheet.
+    pub sheet: f64,
+    /// Across the sheet.
+    pub normal: f64,
+}
+
+impl Default for Speeds {
+    /// 0.6 along, 0.3 across: an assumption of ours.
+    fn default() -> Self {
+        Self { fibre: 0.6, sheet: 0.3, normal: 0.3 }
+    }
+}
+
+/// Speed of the endocardial sheet, mm/ms, with which a generated ventricle is activated in 40 to 60 ms from its three
+/// fascicles: an assumption of ours.
+pub const ENDOCARDIAL_SPEED: f64 = 4.0;
+
+/// Where activation begins.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Site {
+    /// Position; the nearest conducting node is taken at least.
+    pub at_mm: Vec3,
+    /// All conducting nodes so near are activated with the travel time from the site in its own tissue: an exact ball
+    /// around a point keeps its singularity out of the error.
+    pub radius_mm: f64,
+    /// When.
+    pub time: Ms,
+}
+
+/// Tissue and sites.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Conduction {
+    /// Speeds in the wall.
+    pub speeds: Speeds,
+    /// Speed in mm/ms along a thin conducting sheet on the endocardium, as fast as Purkinje fibres make it; none for no
+    /// such sheet. It has no thickness, so its effect does not depend on the mesh.
+    pub endocardial_speed: Option<f64>,
+    /// Tags of tissue that conducts.
+    pub tags: Vec<i32>,
+    /// Where activation begins.
+    pub sites: Vec<Site>,
+}
+
+/// Why there are no activation times.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum EikonalError {
+    /// No site was given.
+    #[error("eikonal: no activation site, expected at least one")]
+    NoSite,
+    /// A speed that is not positive.
+    #[error("eikonal: the {which} speed is {found} mm/ms, expected a positive number")]
+    Speed {
+        /// Which.
+        which: &'static str,
+        /// Its value.
+        found: f64,
+    },
+    /// No element conducts.
+    #[error("eikonal: no element has one of the conducting tags {tags:?}")]
+    NoTissue {
+        /// The tags.
+        tags: Vec<i32>,
+    },
+    /// A conducting element without a direction.
+    #[error("eikonal: element {element} conducts, but has no fibre; make fibres first")]
+    NoFibre {
+        /// Which element.
+        element: usize,
+    },
+    /// A site that lies elsewhere.
+    #[error(
+        "eikonal: site {site} lies {away_mm:.1} mm from the next conducting node, expected at most {most_mm:.1} mm: check its unit"
+    )]
+    FarSite {
+        /// From zero.
+        site: usize,
+        /// How far.
+        away_mm: f64,
+        /// What is accepted.
+        most_mm: f64,
+    },
+    /// Tissue that no wave reaches.
+    #[error("eikonal: {n} conducting nodes are not reached, the first is node {node}; expected connected tissue")]
+    Unreached {
+        /// How many.
+        n: usize,
+        /// The first.
+        node: usize,
+    },
+}
+
+/// How far a site may lie from the tissue, in mean edges.
+const FAR_EDGES: f64 = 5.0;
+/// Relative change below which a time counts as unchanged.
+const SAME: f64 = 1e-13;
+
+/// Activation time of each node, ms; infinite at nodes of no conducting element.
+///
+/// # Errors
+/// [`EikonalError`].
+pub fn activation_ms(mesh: &TetMesh, conduction: &Conduction) -> Result<Vec<f64>, EikonalError> {
+    let front = Front::new(mesh, conduction)?;
+    let mut times = front.start()?;
+    front.run(&mut times);
+    let missed: Vec<usize> =
+        (0..mesh.n_nodes()).filter(|node| front.conducts[*node] && times[*node].is_infinite()).collect();
+    match missed.first() {
+        Some(node) => Err(EikonalError::Unreached { n: missed.len(), node: *node }),
+        None => Ok(times),
+    }
+}
+
+struct Front<'a> {
+    mesh: &'a TetMesh,
+    conduction: &'a Conduction,
+    /// Nodes of conducting elements.
+    conducts: Vec<bool>,
+    /// Conducting elements, and those around each node.
+    tets: Vec<u32>,
+    around: Adjacency,
+    /// Triangles of the sheet, and those around each node.
+    triangles: Vec<[u32; 3]>,
+    sheet_around: Vec<Vec<u32>>,
+}
+
+impl<'a> Front<'a> {
+    fn new(mesh: &'a TetMesh, conduction: &'a Conduction) -> Result<Self, EikonalError> {
+        let Conduction { speeds, endocardial_speed, tags, sites } = conduction;
+        if sites.is_empty() {
+            return Err(EikonalError::NoSite);
+        }
+        let named = [("fibre", speeds.fibre), ("sheet", speeds.sheet), ("normal", speeds.normal)];
+        for (which, found) in named.into_iter().chain(endocardial_speed.map(|speed| ("endocardial", speed))) {
+            if !(found > 0.0 && found.is_finite()) {
+                return Err(EikonalError::Speed { which, found });
+            }
+        }
+        let tets: Vec<u32> = (0..mesh.n_tets()).filter(|e| tags.contains(&mesh.tags[*e])).map(|e| e as u32).collect();
+        if tets.is_empty() {
+            return Err(EikonalError::NoTissue { tags: tags.clone() });
+        }
+        let lacks = |e: &u32| mesh.frames.get(*e as usize).is_none_or(|frame| norm(frame.fibre) < 0.5);
+        if let Some(element) = tets.iter().find(|e| lacks(e)) {
+            return Err(EikonalError::NoFibre { element: *element as usize });
+        }
+        let mut conducts = vec![false; mesh.n_nodes()];
+        let corners: Vec<[u32; 4]> = tets.iter().map(|e| mesh.tets[*e as usize]).collect();
+        for node in corners.iter().flatten() {
+            conducts[*node as usize] = true;
+        }
+        let mut triangles: Vec<[u32; 3]> = Vec::new();
+        if endocardial_speed.is_some() {
+            let endocardium = mesh.surface(surface_names::ENDOCARDIUM).map_or(&[][..], |s| &s.triangles);
+            triangles.extend(endocardium.iter().filter(|t| t.iter().all(|node| conducts[*node as usize])));
+        }
+        let mut sheet_around = vec![Vec::new(); if triangles.is_empty() { 0 } else { mesh.n_nodes() }];
+        for (i, triangle) in triangles.iter().enumerate() {
+            for node in triangle {
+                sheet_around[*node as usize].push(i as u32);
+            }
+        }
+        let around = Adjacency::node_to_tets(mesh.n_nodes(), &corners);
+        Ok(Self { mesh, conduction, conducts, tets, around, triangles, sheet_around })
+    }
+
+    /// Travel time of a displacement in the tissue of an element.
+    fn travel_ms(&self, frame: &Frame, displacement: Vec3) -> f64 {
+        norm(slowness(frame, &self.conduction.speeds, displacement))
+    }
+
+    /// Times at the sites, infinite elsewhere.
+    fn start(&self) -> Result<Vec<f64>, EikonalError> {
+        let mut times = vec![f64::INFINITY; self.mesh.n_nodes()];
+        let most_mm = FAR_EDGES * self.mesh.mean_edge_mm();
+        for (i, site) in self.conduction.sites.iter().enumerate() {
+            let away = |node: usize| distance(self.mesh.nodes_mm[node], site.at_mm);
+            let nodes = || (0..self.mesh.n_nodes()).filter(|node| self.conducts[*node]);
+            let nearest = nodes().min_by(|a, b| away(*a).total_cmp(&away(*b))).unwrap_or(0);
+            let away_mm = away(nearest);
+            if away_mm.is_nan() || away_mm > most_mm.max(site.radius_mm) {
+                return Err(EikonalError::FarSite { site: i, away_mm, most_mm });
+            }
+            let off = |e: &u32| distance(self.mesh.centroid_mm(*e as usize), site.at_mm);
+            let element = self.tets.iter().min_by(|a, b| off(a).total_cmp(&off(b))).copied().unwrap_or(0);
+            let frame = &self.mesh.frames[element as usize];
+            for node in nodes().filter(|node| *node == nearest || away(*node) <= site.radius_mm) {
+                let time = site.time.0 + self.travel_ms(frame, sub(self.mesh.nodes_mm[node], site.at_mm));
+                times[node] = times[node].min(time);
+            }
+        }
+        Ok(times)
+    }
+
+    fn run(&self, times: &mut [f64]) {
+        let mut waiting: BinaryHeap<Reverse<(Time, u32)>> = times
+            .iter()
+            .enumerate()
+            .filter(|(_, time)| time.is_finite())
+            .map(|(node, time)| Reverse((Time(*time), node as u32)))
+            .collect();
+        while let Some(Reverse((Time(time), node))) = waiting.pop() {
+            if time > times[node as usize] {
+                continue; // it has become earlier since
+            }
+            let mut better = |corner: u32, arrival: f64, times: &mut [f64]| {
+                let old = times[corner as usize];
+                if arrival < old && (old.is_infinite() || old - arrival > SAME * old.abs().max(1.0)) {
+                    times[corner as usize] = arrival;
+                    waiting.push(Reverse((Time(arrival), corner)));
+                }
+            };
+            for i in self.around.row(node as usize) {
+                let e = self.tets[*i as usize] as usize;
+                let tet = self.mesh.tets[e];
+                for k in (0..4).filter(|k| tet[*k] != node) {
+                    let arrival = self.arrival_in_tet(e, k, times);
+                    better(tet[k], arrival, times);
+                }
+            }
+            if let Some(sheet) = self.sheet_around.get(node as usize) {
+                for i in sheet {
+                    let triangle = self.triangles[*i as usize];
+                    for k in (0..3).filter(|k| triangle[*k] != node) {
+                        let arrival = self.arrival_in_sheet(triangle, k, times);
+                        better(triangle[k], arrival, times);
+                    }
+                }
+            }
+        }
+    }
+
+    fn arrival_in_tet(&self, e: usize, corner: usize, times: &[f64]) -> f64 {
+        let tet = self.mesh.tets[e];
+        let frame = &self.mesh.frames[e];
+        let x = self.mesh.nodes_mm[tet[corner] as usize];
+        let others: [u32; 3] = std::array::from_fn(|i| tet[(corner + 1 + i) % 4]);
+        let rays = others.map(|n| slowness(frame, &self.conduction.speeds, sub(self.mesh.nodes_mm[n as usize], x)));
+        update::arrival(&rays, &others.map(|n| times[n as usize]))
+    }
+
+    fn arrival_in_sheet(&self, triangle: [u32; 3], corner: usize, times: &[f64]) -> f64 {
+        let speed = self.conduction.endocardial_speed.unwrap_or(f64::NAN);
+        let x = self.mesh.nodes_mm[triangle[corner] as usize];
+        let others = [triangle[(corner + 1) % 3], triangle[(corner + 2) % 3]];
+        let rays = others.map(|n| sub(self.mesh.nodes_mm[n as usize], x).map(|d| d / speed));
+        update::arrival(&rays, &others.map(|n| times[n as usize]))
+    }
+}
+
+/// A displacement in ms: its components along the three directions, each over its speed.
+fn slowness(frame: &Frame, speeds: &Speeds, displacement: Vec3) -> Vec3 {
+    [
+        dot(displacement, frame.fibre) / speeds.fibre,
+        dot(displacement, frame.sheet) / speeds.sheet,
+        dot(displacement, frame.normal) / speeds.normal,
+    ]
+}
+
+/// A time that can be ordered.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Time(f64);
+
+impl Eq for Time {}
+
+impl PartialOrd for Time {
+    fn partial_cmp(&self, other: &Self) -> Option<std::cmp::Ordering> {
+        Some(self.cmp(other))
+    }
+}
+
+impl Ord for Time {
+    fn cmp(&self, other: &Self) -> std::cmp::Ordering {
+        self.0.total_cmp(&other.0)
+    }
+}
+
+#[cfg(test)]
+mod tests;

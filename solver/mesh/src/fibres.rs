@@ -1,0 +1,181 @@
+//! Fibre directions of the left ventricle by a rule on fields from Laplace problems.
+//!
+//! Source: Bayer, Blake, Plank, Trayanova 2012, "A novel rule-based algorithm for assigning myocardial fiber orientation to
+//! computational heart models", Ann. Biomed. Eng. 40, 2243, for a left ventricle alone: without the right ventricle's field
+//! both angles are linear in the transmural one.
+
+use crate::laplace::{self, LaplaceError};
+use crate::tet_mesh::{Frame, TetMesh, shape_gradients, surface_names};
+use crate::vec3::{Vec3, add, any_perpendicular, axpy, cross, norm, reject, scale, unit};
+
+/// Angles of the rule, degrees.
+///
+/// α turns the fibre from the circumferential direction (counter-clockwise seen from the base) towards the base; β then
+/// turns the sheet around the fibre, from the transmural direction.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Angles {
+    /// α at the endocardium.
+    pub alpha_endo_deg: f64,
+    /// α at the epicardium.
+    pub alpha_epi_deg: f64,
+    /// β at the endocardium.
+    pub beta_endo_deg: f64,
+    /// β at the epicardium.
+    pub beta_epi_deg: f64,
+}
+
+impl Default for Angles {
+    /// α from +60 to −60, β from −65 to +25 (β as in Bayer 2012).
+    fn default() -> Self {
+        Self { alpha_endo_deg: 60.0, alpha_epi_deg: -60.0, beta_endo_deg: -65.0, beta_epi_deg: 25.0 }
+    }
+}
+
+/// How the direction from apex to base is found.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Longitudinal {
+    /// The gradient of ψ with Δψ = const, ψ given at the base alone: it points to the base everywhere and vanishes only
+    /// where the apex has to be. Needs no apical point, and does not depend on the mesh as the other does: a point
+    /// carries no flux in three dimensions.
+    #[default]
+    FromBase,
+    /// As in Bayer 2012: Δψ = 0 between this node (0) and the base (1).
+    FromApexNode(u32),
+}
+
+/// The fields behind the rule.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Fields {
+    /// 0 at the endocardium, 1 at the epicardium (and septum); a value for each node, not-a-number outside of the muscle.
+    pub depth: Vec<f64>,
+    /// Grows from apex to base; arbitrary scale, not-a-number outside of the muscle.
+    pub longitudinal: Vec<f64>,
+}
+
+/// Solves for depth and longitudinal field on the elements with the tags of muscle. The base is where muscle meets other
+/// tissue or the rim.
+///
+/// # Errors
+/// [`LaplaceError`] where a surface is missing or the solver fails.
+pub fn fields(mesh: &TetMesh, muscle_tags: &[i32], rule: Longitudinal) -> Result<Fields, LaplaceError> {
+    let muscle = |e: usize| muscle_tags.contains(&mesh.tags[e]);
+    let depth = depth(mesh, muscle_tags)?;
+    let mut in_muscle = vec![false; mesh.n_nodes()];
+    let mut elsewhere = vec![false; mesh.n_nodes()];
+    for (e, tet) in mesh.tets.iter().enumerate() {
+        for node in tet {
+            (if muscle(e) { &mut in_muscle } else { &mut elsewhere })[*node as usize] = true;
+        }
+    }
+    for node in mesh.surface(surface_names::RIM).map(|rim| rim.nodes()).unwrap_or_default() {
+        elsewhere[node as usize] = true;
+    }
+    let mut fixed: Vec<Option<f64>> =
+        (0..mesh.n_nodes()).map(|node| (in_muscle[node] && elsewhere[node]).then_some(1.0)).collect();
+    if fixed.iter().all(Option::is_none) {
+        return Err(LaplaceError::Floating {
+            field: "longitudinal field",
+            expected: "rim, or other tissue at the base",
+        });
+    }
+    let source = match rule {
+        Longitudinal::FromBase => -1.0,
+        Longitudinal::FromApexNode(node) => {
+            fixed[node as usize] = Some(0.0);
+            0.0
+        }
+    };
+    let longitudinal = laplace::solve("longitudinal field", mesh, &muscle, &fixed, source)?;
+    Ok(Fields { depth, longitudinal })
+}
+
+/// The transmural field alone: 0 at the endocardium, 1 at epicardium and septum.
+///
+/// # Errors
+/// [`LaplaceError`] where one of the surfaces is missing or the solver fails.
+pub fn depth(mesh: &TetMesh, muscle_tags: &[i32]) -> Result<Vec<f64>, LaplaceError> {
+    let mut fixed = vec![None; mesh.n_nodes()];
+    let walls = [(surface_names::EPICARDIUM, 1.0), (surface_names::SEPTUM, 1.0), (surface_names::ENDOCARDIUM, 0.0)];
+    for (name, value) in walls {
+        let nodes = mesh.surface(name).map(|surface| surface.nodes()).unwrap_or_default();
+        if nodes.is_empty() && name != surface_names::SEPTUM {
+            return Err(LaplaceError::Floating { field: "transmural field", expected: "endocardium and epicardium" });
+        }
+        for node in nodes {
+            fixed[node as usize] = Some(value);
+        }
+    }
+    laplace::solve("transmural field", mesh, &|e| muscle_tags.contains(&mesh.tags[e]), &fixed, 0.0)
+}
+
+/// Directions for every element by the rule; zeros in elements that are no muscle.
+///
+/// Gradients of linear elements are constant in each. Where one vanishes (the longitudinal one at the apex, by symmetry)
+/// the direction comes from the neighbours, and where theirs cancel, from a fixed choice: every frame is orthonormal.
+#[must_use]
+pub fn frames(mesh: &TetMesh, muscle_tags: &[i32], fields: &Fields, angles: &Angles) -> Vec<Frame> {
+    let none = Frame { fibre: [0.0; 3], sheet: [0.0; 3], normal: [0.0; 3] };
+    let muscle = |e: usize| muscle_tags.contains(&mesh.tags[e]);
+    let transmural = directions(mesh, &fields.depth, &muscle);
+    let longitudinal = directions(mesh, &fields.longitudinal, &muscle);
+    (0..mesh.n_tets())
+        .map(|e| {
+            if !muscle(e) {
+                return none;
+            }
+            let out = unit(transmural[e]).unwrap_or([0.0, 0.0, 1.0]);
+            let up = unit(reject(longitudinal[e], out)).unwrap_or_else(|| any_perpendicular(out));
+            let around = cross(up, out);
+            let depth = mesh.tets[e].iter().map(|node| fields.depth[*node as usize]).sum::<f64>() / 4.0;
+            let between = |endo: f64, epi: f64| (endo + (epi - endo) * depth).to_radians();
+            let alpha = between(angles.alpha_endo_deg, angles.alpha_epi_deg);
+            let beta = between(angles.beta_endo_deg, angles.beta_epi_deg);
+            turned(around, up, out, alpha, beta)
+        })
+        .collect()
+}
+
+/// The frame for circumferential, longitudinal and transmural directions and the two angles in radians.
+///
+/// Source: Bayer 2012, Eq. 3 ("orient"): Q R(α) R(β), whose columns are fibre, sheet normal and sheet.
+#[must_use]
+pub fn turned(around: Vec3, up: Vec3, out: Vec3, alpha: f64, beta: f64) -> Frame {
+    let fibre = axpy(scale(around, alpha.cos()), alpha.sin(), up);
+    let across = axpy(scale(up, alpha.cos()), -alpha.sin(), around);
+    let sheet = axpy(scale(out, beta.cos()), beta.sin(), across);
+    let normal = axpy(scale(across, beta.cos()), -beta.sin(), out);
+    Frame { fibre, sheet, normal }
+}
+
+/// Gradient of a nodal field in each element; where it nearly vanishes, the mean of the neighbours'.
+fn directions(mesh: &TetMesh, field: &[f64], within: &dyn Fn(usize) -> bool) -> Vec<Vec3> {
+    let mut found: Vec<Vec3> = (0..mesh.n_tets())
+        .map(|e| {
+            if !within(e) {
+                return [0.0; 3];
+            }
+            let (gradients, _) = shape_gradients(mesh.corners(e));
+            (0..4).fold([0.0; 3], |sum, i| axpy(sum, field[mesh.tets[e][i] as usize], gradients[i]))
+        })
+        .collect();
+    let elements: Vec<usize> = (0..mesh.n_tets()).filter(|e| within(*e)).collect();
+    let typical = elements.iter().map(|e| norm(found[*e])).sum::<f64>() / elements.len().max(1) as f64;
+    let vanishing: Vec<usize> =
+        elements.into_iter().filter(|e| norm(found[*e]).is_nan() || norm(found[*e]) < 1e-6 * typical).collect();
+    if vanishing.is_empty() {
+        return found;
+    }
+    let around = crate::adjacency::Adjacency::node_to_tets(mesh.n_nodes(), &mesh.tets);
+    for e in vanishing {
+        let neighbours = mesh.tets[e].iter().flat_map(|node| around.row(*node as usize));
+        let sum = neighbours
+            .map(|other| found[*other as usize])
+            .filter(|gradient| norm(*gradient) >= 1e-6 * typical)
+            .fold([0.0; 3], add);
+        found[e] = sum;
+    }
+    found
+}
+
+#[cfg(test)]
+mod tests;
