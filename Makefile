@@ -39,6 +39,7 @@ bench: build ## measure the figures of docs/benchmarks.md on this machine (minut
 	$(BIN)/cardiotwin bench orchestration
 	$(BIN)/cardiotwin bench orchestration --spawn
 	$(BIN)/cardiotwin bench orchestration --kill
+	folder=$$(mktemp -d) && $(BIN)/cardiotwin sweep gsa --out $$folder/gsa; status=$$?; rm -rf -- "$$folder"; exit $$status
 
 PYTHON_ENV := $(if $(CARGO_TARGET_DIR),$(CARGO_TARGET_DIR),target)/work-precision-env
 work-precision: ## measure and draw docs/images/work-precision.svg beside SciPy's solvers (minutes, Python 3.11 or newer)

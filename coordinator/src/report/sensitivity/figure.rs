@@ -31,8 +31,7 @@ pub(super) fn panel(record: &SensitivityRecord, output: &OutputSensitivity) -> C
             Some((at + 1, ranked.name.as_str(), found.first, found.total))
         })
         .collect();
-    let ends =
-        indices.iter().flat_map(|(_, _, first, total)| [first, total]).flatten().flat_map(|index| interval(index));
+    let ends = indices.iter().flat_map(|(_, _, first, total)| [first, total]).flatten().flat_map(interval);
     let up = Scale::linear(ends.chain([0.0, 0.5]), true).unwrap_or(Scale::exact(0.0, 1.0));
     let mut across = Axis::new("", "", Scale::exact(0.4, record.ranking.len() as f64 + 0.6));
     across.fixed = Some(indices.iter().map(|(at, name, ..)| (*at as f64, symbol(name))).collect());

@@ -123,7 +123,8 @@ fn parse(line: &str, (block, row): (usize, usize)) -> Result<Option<Line>, Strin
     };
     let mut number = |name: &str| {
         let text = next(name)?;
-        text.parse::<f64>().map_err(|_| format!("{name} is `{text}`, expected a number"))
+        let value = text.parse::<f64>().ok().filter(|value| value.is_finite());
+        value.ok_or_else(|| format!("{name} is `{text}`, expected a number"))
     };
     let mut outputs = [0.0; 5];
     for (output, name) in outputs.iter_mut().zip(OUTPUTS) {
@@ -145,12 +146,11 @@ impl Line {
     /// The constraints that the sample breaks.
     fn breaks(&self, rule: &ExclusionRule) -> impl Iterator<Item = &'static str> {
         let largest = self.outputs[0];
-        // Written so that a comparison with what is no number excludes.
         let broken = [
-            (!(self.resting_kpa <= rule.resting_share * largest), "resting stress"),
-            (!(self.rise_kpa_per_ms <= rule.rise_after_peak_kpa_per_ms), "stress rises after its maximum"),
-            (!(self.smallest_kpa >= -rule.negative_stress_kpa), "negative stress"),
-            (self.cut || self.outputs.iter().any(|v| !v.is_finite()), "a duration has no end"),
+            (self.resting_kpa > rule.resting_share * largest, "resting stress"),
+            (self.rise_kpa_per_ms > rule.rise_after_peak_kpa_per_ms, "stress rises after its maximum"),
+            (self.smallest_kpa < -rule.negative_stress_kpa, "negative stress"),
+            (self.cut, "a duration has no end"),
         ];
         broken.into_iter().filter(|(broken, _)| *broken).map(|(_, name)| name)
     }
@@ -310,7 +310,7 @@ pub(super) mod tests {
         };
         let cases: [(&str, usize, &str); 3] = [
             ("odd,1", 6, "line 2: there is no status `odd`"),
-            ("periodic,x", 6, "line 2: Sa_max_kPa is `x`"),
+            ("periodic,NaN", 6, "line 2: Sa_max_kPa is `NaN`"),
             (good, 5, "line 7: block is 1, expected 0"),
         ];
         for (line, rows, expected) in cases {

@@ -61,7 +61,7 @@ enum Defaults {
 /// # Errors
 /// As [`super::execute`].
 pub fn execute(args: &CalciumArgs, talk: &Talk) -> Result<Exit, CliError> {
-    if !args.activation.is_finite() || !(args.confidence > 0.0 && args.confidence < 1.0) {
+    if !(args.activation.is_finite() && args.confidence > 0.0 && args.confidence < 1.0) {
         return Err(CliError::Usage("--activation is a finite time, --confidence lies between 0 and 1".to_owned()));
     }
     let measured = trace::read(&args.trace, Quantity::Calcium, talk)?;
