@@ -4,7 +4,7 @@
 //! - [`chunks`]: the tasks of a sweep, each some complete Saltelli blocks
 //! - [`samples`]: what the chunks computed, read back and judged by the exclusion rule
 //! - [`analysis`]: indices and ranking of any number of first blocks
-//! - [`reference`]: what others found
+//! - [mod@reference]: what others found
 //! - [`selection`]: the ranking as step 2's list of parameters
 //! - [`tables`]: CSV files
 
