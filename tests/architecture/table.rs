@@ -33,6 +33,11 @@ pub const CRATES: &[Rule] = &[
     },
     Rule { who: "calibrate", may: &["units"], why: "algorithms meet models by ask and tell or by closures" },
     Rule {
+        who: "discover",
+        may: &["units", "models"],
+        why: "the search for missing effects takes arrays and numbers; files and tasks stay with who calls it",
+    },
+    Rule {
         who: "worker",
         may: &["schemas", "units", "signals", "models", "cell-engine", "calibrate"],
         why: "one conversion from a task's spec to solver types per kind; nobody imports worker",

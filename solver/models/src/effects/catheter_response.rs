@@ -41,9 +41,9 @@ pub const EFFECT: Effect = Effect {
             range: (0.0, 20.0),
             off: Some(0.0),
             smallest: 0.0,
-            typical: 0.0,
-            prior_scale: 8.0,
-            role: Role::Held,
+            typical: 3.0,
+            prior_scale: 3.0,
+            role: Role::Shape,
         },
     ],
     signature: "underdamped: overshoot after the upstroke, a brief drop after the first peak, undershoot after the fall; \

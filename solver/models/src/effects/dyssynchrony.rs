@@ -33,7 +33,7 @@ pub const EFFECT: Effect = Effect {
             off: None,
             smallest: 0.0,
             typical: 0.4,
-            prior_scale: 0.1,
+            prior_scale: 0.15,
             role: Role::Shape,
         },
     ],

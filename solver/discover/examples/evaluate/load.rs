@@ -1,0 +1,145 @@
+//! Cases and labels from files.
+
+use cardiotwin_discover::measured::{Cuff, Measured, SideData, StatedNoise, Uncertain, WholeHeart};
+use std::collections::BTreeMap;
+use std::path::Path;
+use toml::Value;
+
+/// What is hidden in a case.
+#[derive(Debug, Clone)]
+pub struct Label {
+    /// Names of the effects.
+    pub effects: Vec<String>,
+    /// `none`, `at the limit`, `weak`, `moderate`, `strong`.
+    pub band: String,
+    /// Whether the data can hardly resolve it.
+    pub hard: bool,
+    /// Whether there is a gap that the catalogue does not have.
+    pub off_catalogue: bool,
+}
+
+fn read(path: &Path) -> Result<String, String> {
+    std::fs::read_to_string(path).map_err(|e| format!("cannot read {}: {e}", path.display()))
+}
+
+/// Names of the cases, sorted.
+pub fn cases(folder: &Path) -> Result<Vec<String>, String> {
+    let patients = folder.join("patients");
+    let entries = std::fs::read_dir(&patients).map_err(|e| format!("cannot read {}: {e}", patients.display()))?;
+    let mut ids: Vec<String> =
+        entries.filter_map(|e| Some(e.ok()?.file_name().to_string_lossy().into_owned())).collect();
+    ids.sort();
+    Ok(ids)
+}
+
+/// Half of the cases by a hash of their names: the same halves for the same names, whatever is changed in the search.
+pub fn part(ids: &[String], part: &str) -> Result<Vec<String>, String> {
+    // SplitMix64 over the bytes.
+    let hash = |id: &String| {
+        id.bytes().fold(0u64, |h, b| {
+            let mut z = (h ^ u64::from(b)).wrapping_add(0x9E37_79B9_7F4A_7C15);
+            z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+            z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+            z ^ (z >> 31)
+        })
+    };
+    let mut order = ids.to_vec();
+    order.sort_by_key(hash);
+    let half = order.len() / 2;
+    let mut chosen = match part {
+        "development" => order[..half].to_vec(),
+        "aside" => order[half..].to_vec(),
+        other => return Err(format!("--part is {other}, expected development or aside")),
+    };
+    chosen.sort();
+    Ok(chosen)
+}
+
+fn number(table: &Value, keys: &[&str]) -> Option<f64> {
+    let mut value = table;
+    for key in keys {
+        value = value.get(key)?;
+    }
+    value.as_float().or_else(|| value.as_integer().map(|i| i as f64))
+}
+
+fn trace(path: &Path) -> Result<(Vec<f64>, Vec<f64>), String> {
+    let text = read(path)?;
+    let mut columns = (Vec::new(), Vec::new());
+    for (idx, line) in text.lines().enumerate().skip(1) {
+        let bad = || format!("{}:{}: expected two numbers, found {line:?}", path.display(), idx + 1);
+        let (t, v) = line.split_once(',').ok_or_else(bad)?;
+        columns.0.push(t.trim().parse().map_err(|_| bad())?);
+        columns.1.push(v.trim().parse().map_err(|_| bad())?);
+    }
+    Ok(columns)
+}
+
+/// One patient's folder. Where the file says from how many frames the volume was interpolated, as many samples are taken.
+pub fn measured(folder: &Path) -> Result<Measured, String> {
+    let file = folder.join("patient.toml");
+    let patient: Value = toml::from_str(&read(&file)?).map_err(|e| format!("{}: {e}", file.display()))?;
+    let get = |keys: &[&str]| number(&patient, keys);
+    let need = |keys: &[&str]| get(keys).ok_or(format!("{}: {} is missing", file.display(), keys.join(".")));
+    let (pressure_time_ms, pressure_mmhg) = trace(&folder.join("pressure.csv"))?;
+    let (mut frame_time_ms, mut frame_volume_ml) = trace(&folder.join("volume.csv"))?;
+    if let Some(frames) = get(&["measured", "noise", "volume_frames"]) {
+        let n = frame_time_ms.len();
+        let frames = (frames as usize).min(n);
+        let keep: Vec<usize> = (0..frames).map(|k| k * n / frames).collect();
+        frame_time_ms = keep.iter().map(|i| frame_time_ms[*i]).collect();
+        frame_volume_ml = keep.iter().map(|i| frame_volume_ml[*i]).collect();
+    }
+    let uncertain = |value: Option<f64>, sd: Option<f64>| Some(Uncertain { value: value?, sd: sd? });
+    let cuff = |key: &str| {
+        uncertain(get(&["measured", "aortic_pressure", key]), get(&["measured", "aortic_pressure", "sd_mmHg"]))
+    };
+    let volume = |key: &str| uncertain(get(&["measured", key, "volume_mL"]), get(&["measured", key, "sd_mL"]));
+    let wall = need(&["anatomy", "wall_volume_mL"])?;
+    Ok(Measured {
+        cycle_ms: need(&["cycle_length_ms"])?,
+        pressure_time_ms,
+        pressure_mmhg,
+        frame_time_ms,
+        frame_volume_ml,
+        noise: StatedNoise {
+            pressure_rms_mmhg: get(&["measured", "noise", "pressure_rms_mmHg"]),
+            pressure_correlation_ms: get(&["measured", "noise", "pressure_correlation_ms"]),
+            volume_rms_ml: get(&["measured", "noise", "volume_rms_mL"]),
+        },
+        side: SideData {
+            cuff: cuff("systolic_mmHg")
+                .zip(cuff("diastolic_mmHg"))
+                .map(|(systolic, diastolic)| Cuff { systolic, diastolic }),
+            forward_stroke_volume: volume("forward_stroke_volume"),
+            whole_heart: get(&["measured", "diastasis", "time_ms"])
+                .zip(volume("diastasis"))
+                .map(|(time_ms, volume)| WholeHeart { time_ms, volume }),
+        },
+        wall_volume: Uncertain { value: wall, sd: 0.05 * wall },
+    })
+}
+
+/// Labels by case; empty where the folder has none.
+pub fn labels(folder: &Path) -> Result<BTreeMap<String, Label>, String> {
+    let path = folder.join("labels.json");
+    if !path.exists() {
+        return Ok(BTreeMap::new());
+    }
+    let all: serde_json::Value = serde_json::from_str(&read(&path)?).map_err(|e| format!("{}: {e}", path.display()))?;
+    let cases = all["cases"].as_object().ok_or("labels.json has no cases")?;
+    let flag = |case: &serde_json::Value, key: &str| case[key].as_bool().unwrap_or(false);
+    Ok(cases
+        .iter()
+        .map(|(id, case)| {
+            let effects = case["effects"].as_array().into_iter().flatten();
+            let label = Label {
+                effects: effects.filter_map(|e| Some(e["effect"].as_str()?.to_owned())).collect(),
+                band: case["visibility"]["band"].as_str().unwrap_or("none").to_owned(),
+                hard: flag(case, "hard"),
+                off_catalogue: flag(case, "off_catalogue"),
+            };
+            (id.clone(), label)
+        })
+        .collect())
+}

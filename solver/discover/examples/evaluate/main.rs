@@ -1,0 +1,94 @@
+//! Runs the search on a folder of cases and, where it has labels, scores it:
+//! `evaluate CASES_DIR [--jobs N] [--only ID,ID] [--part development|aside] [--no-side] [--seed N]`.
+//!
+//! One JSON line a case on standard output, the table on standard error. `--part` splits the cases once and for all by
+//! a hash of their names into two halves, so that one half can stay unseen.
+
+mod load;
+mod score;
+
+use cardiotwin_discover::cohort::PooledEffect;
+use cardiotwin_discover::{Discovery, Reduced, Settings, discover};
+use std::path::PathBuf;
+use std::process::ExitCode;
+use std::time::Instant;
+
+struct Arguments {
+    folder: PathBuf,
+    jobs: usize,
+    only: Vec<String>,
+    part: Option<String>,
+    side: bool,
+    seed: u64,
+}
+
+fn arguments() -> Result<Arguments, String> {
+    let mut all = std::env::args().skip(1);
+    let folder = all.next().ok_or("usage: evaluate CASES_DIR [--jobs N] [--only ID,ID] [--part P] [--no-side]")?;
+    let mut parsed = Arguments { folder: folder.into(), jobs: 2, only: Vec::new(), part: None, side: true, seed: 1 };
+    while let Some(flag) = all.next() {
+        let mut value = || all.next().ok_or(format!("{flag} needs a value"));
+        match flag.as_str() {
+            "--jobs" => parsed.jobs = value()?.parse().map_err(|e| format!("--jobs: {e}"))?,
+            "--seed" => parsed.seed = value()?.parse().map_err(|e| format!("--seed: {e}"))?,
+            "--only" => parsed.only = value()?.split(',').map(str::to_owned).collect(),
+            "--part" => parsed.part = Some(value()?),
+            "--no-side" => parsed.side = false,
+            other => return Err(format!("unknown argument {other}")),
+        }
+    }
+    Ok(parsed)
+}
+
+fn main() -> ExitCode {
+    match run() {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(message) => {
+            eprintln!("{message}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn run() -> Result<(), String> {
+    let arguments = arguments()?;
+    rayon::ThreadPoolBuilder::new().num_threads(arguments.jobs).build_global().map_err(|e| e.to_string())?;
+    let mut ids = load::cases(&arguments.folder)?;
+    if let Some(part) = &arguments.part {
+        ids = load::part(&ids, part)?;
+    }
+    if !arguments.only.is_empty() {
+        ids.retain(|id| arguments.only.contains(id));
+    }
+    let labels = load::labels(&arguments.folder)?;
+    let settings = Settings { seed: arguments.seed, ..Settings::default() };
+    let mut results: Vec<(String, Discovery)> = Vec::new();
+    let start = Instant::now();
+    let mut slowest = 0.0f64;
+    for id in &ids {
+        let mut measured = load::measured(&arguments.folder.join("patients").join(id))?;
+        if !arguments.side {
+            measured.side = Default::default();
+        }
+        let begin = Instant::now();
+        let found = discover(&measured, &Reduced::new(&measured), &settings).map_err(|e| format!("{id}: {e}"))?;
+        let seconds = begin.elapsed().as_secs_f64();
+        slowest = slowest.max(seconds);
+        let mut line = serde_json::to_value(&found).map_err(|e| e.to_string())?;
+        line["case"] = id.clone().into();
+        println!("{line}");
+        eprintln!("{}", score::line(id, &found, labels.get(id), seconds));
+        results.push((id.clone(), found));
+    }
+    eprintln!("{} cases in {:.0} s, the slowest {slowest:.1} s", ids.len(), start.elapsed().as_secs_f64());
+    if labels.is_empty() {
+        for pooled in cardiotwin_discover::cohort::pool(results.iter().map(|(_, found)| found)) {
+            let PooledEffect { name, accepted_in, tried_in, log_evidence, of_the_model } = pooled;
+            let fault = if of_the_model { "  of the model" } else { "" };
+            eprintln!("{name:28} accepted in {accepted_in} of {tried_in}, pooled evidence {log_evidence:7.1}{fault}");
+        }
+    } else {
+        eprint!("{}", score::table(&results, &labels));
+    }
+    Ok(())
+}

@@ -1,0 +1,168 @@
+//! Significance: how much evidence noise alone gives to the best of all candidates, linearised around a fit.
+//!
+//! Parametric bootstrap of the maximum over all candidates (Johansson et al. 2014, BMC Syst Biol 8:46) in the tangent space:
+//! the residuals of a model that is right are standard normal; a candidate sees their projection on its own direction
+//! across those of all parameters that are fitted anyway.
+
+use crate::fit::Fit;
+use crate::problem::Problem;
+use nalgebra::{DMatrix, DVector};
+use rand::{Rng, SeedableRng};
+use rand_pcg::Pcg64;
+use rayon::prelude::*;
+
+/// Direction of a candidate at one of its starts.
+#[derive(Debug, Clone)]
+pub struct Tangent {
+    /// Candidate.
+    pub term: usize,
+    /// Direction across the fitted parameters, of length one.
+    direction: DVector<f64>,
+    /// Length of the derivative for the strength's z across the fitted parameters, prior included.
+    pub length: f64,
+    /// z of the smallest strength that may be named.
+    floor: f64,
+    /// Which sides of its off-value the strength may be on.
+    sides: (bool, bool),
+    /// z of the typical strength.
+    typical: f64,
+}
+
+impl Tangent {
+    /// Misfit that the typical strength leaves after all else is refitted.
+    #[must_use]
+    pub fn expected_misfit(&self) -> f64 {
+        (self.typical * self.typical * (self.length * self.length - 1.0)).max(0.0)
+    }
+
+    /// Evidence that these residuals give to the candidate; none when the strength is not to be named.
+    fn evidence(&self, noise: &DVector<f64>) -> f64 {
+        let projection = self.direction.dot(noise);
+        let strength = projection / self.length;
+        let side = if strength < 0.0 { self.sides.0 } else { self.sides.1 };
+        if !side || strength.abs() < self.floor {
+            return 0.0;
+        }
+        projection * projection - 2.0 * self.length.ln()
+    }
+}
+
+/// Tangents of candidates at a fit, one for each distinct start.
+#[must_use]
+pub fn tangents(problem: &Problem<'_>, at: &Fit, among: &[usize]) -> Vec<Tangent> {
+    let n_data = at.minimum.residuals.len() - at.z.len();
+    let n = at.z.len();
+    // Orthonormal basis of what is fitted anyway, priors as data of their own; one more row for the strength's prior.
+    let jacobian =
+        DMatrix::from_fn(n_data + n + 1, n, |r, c| if r < n_data + n { at.minimum.jacobian[(r, c)] } else { 0.0 });
+    let basis = jacobian.qr().q();
+    let tasks: Vec<(usize, usize)> = among
+        .iter()
+        .filter(|term| !at.structure.terms.contains(term))
+        .flat_map(|term| (0..problem.forward.candidates()[*term].starts.len()).map(move |start| (*term, start)))
+        .collect();
+    tasks
+        .par_iter()
+        .filter_map(|(term, start)| {
+            let candidate = &problem.forward.candidates()[*term];
+            let strength = &candidate.parameters[0];
+            let values = &candidate.starts[*start];
+            let typical = strength.z(values[0]);
+            let mut structure = at.structure.clone();
+            structure.terms.push(*term);
+            let parameters = problem.parameters(&structure);
+            // A third of the typical strength: some effects answer to small strengths not at all.
+            let step = typical / 3.0;
+            let mut z = at.z.clone();
+            z.push(step);
+            z.extend(candidate.parameters.iter().zip(values).skip(1).map(|(p, v)| p.z(*v)));
+            let (there, _) = problem.residuals(&structure, &parameters, &z, at.weights, Some(&at.minimum.warm))?;
+            let mut direction = DVector::zeros(n_data + n + 1);
+            for i in 0..n_data {
+                direction[i] = (there[i] - at.minimum.residuals[i]) / step;
+            }
+            direction[n_data + n] = 1.0;
+            let across = &direction - &basis * basis.tr_mul(&direction);
+            let length = across.norm();
+            let (low, high) = strength.z_bounds();
+            Some(Tangent {
+                term: *term,
+                direction: across / length,
+                length,
+                floor: (candidate.smallest / strength.sd).abs(),
+                sides: (low < -1e-9, high > 1e-9),
+                typical,
+            })
+        })
+        .collect()
+}
+
+/// Largest evidence of any candidate in each of `n` draws of noise, sorted.
+#[must_use]
+pub fn null_maxima(tangents: &[Tangent], n: usize, seed: u64) -> Vec<f64> {
+    let Some(first) = tangents.first() else { return vec![0.0; n] };
+    let size = first.direction.len();
+    let mut random = Pcg64::seed_from_u64(seed);
+    let mut normal = move || {
+        // Box and Muller's.
+        let (u, v): (f64, f64) = (random.random(), random.random());
+        (-2.0 * (1.0 - u).ln()).sqrt() * (std::f64::consts::TAU * v).cos()
+    };
+    let draws: Vec<DVector<f64>> = (0..n).map(|_| DVector::from_fn(size, |_, _| normal())).collect();
+    let mut maxima: Vec<f64> =
+        draws.par_iter().map(|noise| tangents.iter().map(|t| t.evidence(noise)).fold(0.0, f64::max)).collect();
+    maxima.sort_by(f64::total_cmp);
+    maxima
+}
+
+/// Share of the sorted maxima that reach this evidence, never zero: (1 + number) / (1 + n).
+#[must_use]
+pub fn p_value(maxima: &[f64], evidence: f64) -> f64 {
+    let reached = maxima.iter().filter(|m| **m >= evidence).count();
+    (1 + reached) as f64 / (1 + maxima.len()) as f64
+}
+
+/// Quantile of sorted values.
+#[must_use]
+pub fn quantile(sorted: &[f64], share: f64) -> f64 {
+    sorted.get(((share * sorted.len() as f64) as usize).min(sorted.len().saturating_sub(1))).copied().unwrap_or(0.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn tangent(axis: usize, length: f64, floor: f64, sides: (bool, bool)) -> Tangent {
+        let mut direction = DVector::zeros(40);
+        direction[axis] = 1.0;
+        Tangent { term: axis, direction, length, floor, sides, typical: 1.0 }
+    }
+
+    /// One free direction: evidence is chi² of one degree of freedom less its price.
+    #[test]
+    fn maxima_of_one_direction_are_chi_squared() {
+        let maxima = null_maxima(&[tangent(3, 1.0, 0.0, (true, true))], 20_000, 5);
+        assert!((quantile(&maxima, 0.95) - 3.84).abs() < 0.2, "{}", quantile(&maxima, 0.95));
+        let priced = null_maxima(&[tangent(3, 10.0, 0.0, (true, true))], 20_000, 5);
+        assert!((quantile(&maxima, 0.99) - quantile(&priced, 0.99) - 2.0 * 10.0f64.ln()).abs() < 1e-9);
+    }
+
+    #[test]
+    fn more_candidates_need_more_and_floors_and_sides_less() {
+        let free: Vec<Tangent> = (0..10).map(|i| tangent(i, 1.0, 0.0, (true, true))).collect();
+        let ten = quantile(&null_maxima(&free, 20_000, 1), 0.95);
+        // P(max of ten chi² ≤ x) = 0.95: x = 7.87.
+        assert!((ten - 7.87).abs() < 0.4, "{ten}");
+        let half: Vec<Tangent> = (0..10).map(|i| tangent(i, 1.0, 0.0, (false, true))).collect();
+        assert!(quantile(&null_maxima(&half, 20_000, 1), 0.95) < ten - 0.5);
+        let floored: Vec<Tangent> = (0..10).map(|i| tangent(i, 1.0, 6.0, (true, true))).collect();
+        assert_eq!(quantile(&null_maxima(&floored, 20_000, 1), 0.99), 0.0);
+    }
+
+    #[test]
+    fn p_values_are_never_zero() {
+        let sorted = [0.0, 1.0, 2.0, 3.0];
+        assert_eq!(p_value(&sorted, 2.5), 0.4);
+        assert_eq!(p_value(&sorted, 9.0), 0.2);
+    }
+}

@@ -1,0 +1,117 @@
+//! What an accepted effect cannot be told from, in this case: rivals fitted to its noise-free output.
+
+use crate::fit::Fit;
+use crate::forward::Candidate;
+use crate::least_squares::Settings;
+use crate::problem::{Data, Problem};
+use crate::result::Confusable;
+use crate::search::best;
+use rayon::prelude::*;
+
+/// Misfit below which a rival cannot be told apart: odds of less than some 30 to 1 for noise of average luck.
+pub const SEPARABLE: f64 = 7.0;
+
+/// The data that the fitted model would give without noise.
+fn noise_free(problem: &Problem<'_>, fit: &Fit) -> Option<Data> {
+    let beat = problem.predict(&fit.structure, &fit.values(), Some(&fit.minimum.warm))?;
+    let mut data = problem.data.clone();
+    let sample = |times: &[f64], trace: &[f64]| times.iter().map(|t| beat.at(trace, *t)).collect();
+    data.pressure = data.pressure.with_values(sample(&data.pressure.time_ms, &beat.pressure_mmhg));
+    data.volume = data.volume.with_values(sample(&data.volume.time_ms, &beat.volume_ml));
+    let side = &mut data.measured.side;
+    if let Some(cuff) = &mut side.cuff {
+        cuff.systolic.value = beat.systolic_mmhg;
+        cuff.diastolic.value = beat.diastolic_mmhg;
+    }
+    if let Some(v) = &mut side.forward_stroke_volume {
+        v.value = beat.forward_stroke_volume_ml;
+    }
+    if let Some(w) = &mut side.whole_heart {
+        w.volume.value = beat.at(&beat.true_volume_ml, w.time_ms);
+    }
+    Some(data)
+}
+
+/// Rivals of one accepted term with the misfit that each leaves on noise-free output of the fit, smallest first.
+///
+/// - `fits`: fits of rivals to the measured data, as further starts
+#[must_use]
+pub fn confusables(
+    problem: &Problem<'_>,
+    fit: &Fit,
+    term: usize,
+    rivals: &[usize],
+    fits: &[Option<Fit>],
+    settings: &Settings,
+) -> Vec<Confusable> {
+    let Some(data) = noise_free(problem, fit) else { return Vec::new() };
+    let inner = Problem { forward: problem.forward, data: &data };
+    let candidates = problem.forward.candidates();
+    let n_base = problem.forward.base().len();
+    let mut own = Vec::new();
+    // Base and the other accepted terms, as fitted.
+    let mut z = fit.z[..n_base].to_vec();
+    let mut at = n_base;
+    let mut structure = fit.structure.clone();
+    for other in &fit.structure.terms {
+        let n = candidates[*other].parameters.len();
+        let part = &fit.z[at..at + n];
+        if *other == term {
+            own.extend_from_slice(part)
+        } else {
+            z.extend_from_slice(part)
+        }
+        at += n;
+    }
+    structure.terms.retain(|t| *t != term);
+    // The prior's pull on the effect itself is no misfit.
+    let itself = fit.misfit.prior;
+    let found: Vec<Option<(usize, f64)>> = rivals
+        .par_iter()
+        .map(|rival| {
+            let mut with = structure.clone();
+            with.terms.push(*rival);
+            let start = |values: &[f64]| {
+                let mut z = z.clone();
+                z.extend(candidates[*rival].parameters.iter().zip(values).map(|(p, v)| p.z(*v)));
+                z
+            };
+            let mut starts: Vec<Vec<f64>> = candidates[*rival].starts.iter().map(|v| start(v)).collect();
+            if let Some(Some(known)) = fits.get(*rival).filter(|f| f.as_ref().is_some_and(|f| f.structure == with)) {
+                starts.insert(0, known.z.clone());
+                starts.truncate(2);
+            }
+            let tries = starts.iter().map(|z| inner.fit(&with, z, Some(fit), settings)).collect::<Vec<_>>();
+            let best = best(tries)?;
+            let m = &best.misfit;
+            Some((*rival, (m.pressure + m.volume + m.side + m.prior - itself).max(0.0)))
+        })
+        .collect();
+    let mut list: Vec<Confusable> = found
+        .into_iter()
+        .flatten()
+        .map(|(rival, expected_misfit)| Confusable {
+            effect: candidates[term].name.clone(),
+            rival: candidates[rival].name.clone(),
+            expected_misfit,
+        })
+        .collect();
+    list.sort_by(|a, b| a.expected_misfit.total_cmp(&b.expected_misfit));
+    list
+}
+
+/// Candidates that `term` may be confused with: declared either way, and the best of the ranking.
+#[must_use]
+pub fn rivals(candidates: &[Candidate], term: usize, ranked: &[usize], n: usize, taken: &[usize]) -> Vec<usize> {
+    let mut list: Vec<usize> = (0..candidates.len())
+        .filter(|i| {
+            candidates[term].confused_with.contains(&candidates[*i].name)
+                || candidates[*i].confused_with.contains(&candidates[term].name)
+        })
+        .collect();
+    list.extend(ranked.iter().take(n));
+    list.retain(|i| *i != term && !taken.contains(i));
+    list.sort_unstable();
+    list.dedup();
+    list
+}

@@ -1,0 +1,138 @@
+//! Fits of structures: the most probable parameters with profiled noise scales, and the evidence of the structure.
+
+use crate::least_squares::{Minimum, Settings, minimise};
+use crate::noise::NoiseLevels;
+use crate::parameter::Parameter;
+use crate::problem::{Misfit, Problem, Structure, Weights};
+use cardiotwin_models::periodic::Orbit;
+use nalgebra::DMatrix;
+
+/// Weights before anything is known of the misfit.
+const UNIT: Weights = Weights { pressure: 1.0, volume: 1.0 };
+
+/// A fitted structure.
+#[derive(Debug, Clone)]
+pub struct Fit {
+    /// What was fitted.
+    pub structure: Structure,
+    /// Its parameters.
+    pub parameters: Vec<Parameter>,
+    /// Their z.
+    pub z: Vec<f64>,
+    /// White, weighted residuals at the optimum, priors last.
+    pub minimum: Minimum<Orbit>,
+    /// Weights in use.
+    pub weights: Weights,
+    /// Sums of squares by origin.
+    pub misfit: Misfit,
+    /// −2 ln(likelihood · prior) at the optimum, noise scales integrated out; up to a constant of the data.
+    pub deviance: f64,
+    /// −2 ln of the evidence by Laplace's approximation, up to the same constant.
+    pub evidence: f64,
+    /// Evaluations of all starts.
+    pub n_evaluations: usize,
+}
+
+impl Fit {
+    /// Fitted values.
+    #[must_use]
+    pub fn values(&self) -> Vec<f64> {
+        self.parameters.iter().zip(&self.z).map(|(p, z)| p.value(*z)).collect()
+    }
+
+    /// Curvature JᵀJ at the optimum, priors included.
+    #[must_use]
+    pub fn curvature(&self) -> DMatrix<f64> {
+        self.minimum.jacobian.tr_mul(&self.minimum.jacobian)
+    }
+
+    /// Number of parameters that the data determine rather than the prior: trace of (H − I) H⁻¹.
+    #[must_use]
+    pub fn effective_parameters(&self) -> f64 {
+        let n = self.z.len() as f64;
+        self.curvature().cholesky().map_or(n, |c| n - c.inverse().trace())
+    }
+
+    /// Standard deviation of every value by the linearised model; infinite where the curvature is singular.
+    #[must_use]
+    pub fn standard_deviations(&self) -> Vec<f64> {
+        let inverse = self.curvature().cholesky().map(|c| c.inverse());
+        let sd = |i: usize| inverse.as_ref().map_or(f64::INFINITY, |m| m[(i, i)].max(0.0).sqrt());
+        self.parameters.iter().zip(&self.z).enumerate().map(|(i, (p, z))| sd(i) * p.slope(*z).abs()).collect()
+    }
+}
+
+/// Degrees of freedom of what is known of the noise scales before any fit: pressure (from its own high band too), volume.
+fn degrees() -> (f64, f64) {
+    let stated = NoiseLevels::stated_degrees();
+    (2.0 * stated, stated)
+}
+
+impl Problem<'_> {
+    /// Weights that profile the noise scales at this misfit.
+    fn weights(&self, misfit: &Misfit) -> Weights {
+        let (nu_p, nu_v) = degrees();
+        let weight = |nu: f64, n: usize, chi2: f64| (nu + n as f64) / (nu + chi2);
+        Weights {
+            pressure: weight(nu_p, self.data.pressure.len(), misfit.pressure),
+            volume: weight(nu_v, self.data.volume.len(), misfit.volume),
+        }
+    }
+
+    /// −2 ln(likelihood · prior) with the noise scales integrated out.
+    #[must_use]
+    pub fn deviance(&self, misfit: &Misfit) -> f64 {
+        let (nu_p, nu_v) = degrees();
+        let part = |nu: f64, n: usize, chi2: f64| (nu + n as f64) * (chi2 / nu).ln_1p();
+        part(nu_p, self.data.pressure.len(), misfit.pressure)
+            + part(nu_v, self.data.volume.len(), misfit.volume)
+            + misfit.side
+            + misfit.prior
+            + self.data.pressure.log_determinant
+            + self.data.volume.log_determinant
+    }
+
+    /// Fits a structure from one start, with noise scales and orbit of a fit that is near; none when the model has no answer there.
+    #[must_use]
+    pub fn fit(&self, structure: &Structure, start: &[f64], near: Option<&Fit>, settings: &Settings) -> Option<Fit> {
+        let parameters = self.parameters(structure);
+        let bounds: Vec<(f64, f64)> = parameters.iter().map(Parameter::z_bounds).collect();
+        let mut weights = near.map_or(UNIT, |fit| fit.weights);
+        let mut warm = near.map(|fit| fit.minimum.warm.clone());
+        let mut z = start.to_vec();
+        let mut n_evaluations = 0;
+        let mut round = 0;
+        loop {
+            let residuals = |z: &[f64], warm: Option<&Orbit>| self.residuals(structure, &parameters, z, weights, warm);
+            let minimum = minimise(&residuals, &z, warm.as_ref(), &bounds, settings)?;
+            n_evaluations += minimum.n_evaluations;
+            let misfit = self.misfit(&minimum.residuals, weights);
+            let next = self.weights(&misfit);
+            let change = (next.pressure / weights.pressure).ln().abs().max((next.volume / weights.volume).ln().abs());
+            round += 1;
+            if change < 0.03 || round == 4 {
+                let deviance = self.deviance(&misfit);
+                let normal = minimum.jacobian.tr_mul(&minimum.jacobian);
+                let log_det =
+                    normal.cholesky().map_or(0.0, |c| 2.0 * c.l().diagonal().iter().map(|d| d.ln()).sum::<f64>());
+                let evidence = deviance + log_det;
+                let z = minimum.z.clone();
+                let structure = structure.clone();
+                return Some(Fit {
+                    structure,
+                    parameters,
+                    z,
+                    minimum,
+                    weights,
+                    misfit,
+                    deviance,
+                    evidence,
+                    n_evaluations,
+                });
+            }
+            weights = next;
+            z.clone_from(&minimum.z);
+            warm = Some(minimum.warm);
+        }
+    }
+}

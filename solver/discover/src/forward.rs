@@ -1,0 +1,89 @@
+//! What the search asks of a model: parameters, candidates, and the beat that they make.
+
+use crate::parameter::Parameter;
+use cardiotwin_models::periodic::Orbit;
+
+/// A beat as it would be measured, on a uniform periodic grid.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Prediction {
+    /// Interval of the grid \[ms\]; the first sample is at time zero.
+    pub step_ms: f64,
+    /// Measured pressure \[mmHg\].
+    pub pressure_mmhg: Vec<f64>,
+    /// Measured volume \[mL\].
+    pub volume_ml: Vec<f64>,
+    /// Cavity volume \[mL\].
+    pub true_volume_ml: Vec<f64>,
+    /// Cavity pressure \[mmHg\].
+    pub true_pressure_mmhg: Vec<f64>,
+    /// Flow through the aortic valve \[mL/s\].
+    pub aortic_flow_ml_per_s: Vec<f64>,
+    /// Flow through the mitral valve \[mL/s\].
+    pub mitral_flow_ml_per_s: Vec<f64>,
+    /// Largest aortic pressure \[mmHg\].
+    pub systolic_mmhg: f64,
+    /// Smallest aortic pressure \[mmHg\].
+    pub diastolic_mmhg: f64,
+    /// Net volume that leaves through the aortic valve in a beat \[mL\].
+    pub forward_stroke_volume_ml: f64,
+    /// Where the search for a similar periodic beat begins.
+    pub warm: Orbit,
+}
+
+impl Prediction {
+    /// A trace of this beat at any time, linear between samples, periodic.
+    #[must_use]
+    pub fn at(&self, trace: &[f64], time_ms: f64) -> f64 {
+        let n = trace.len();
+        let x = (time_ms / self.step_ms).rem_euclid(n as f64);
+        let i = (x as usize).min(n - 1);
+        let f = x - i as f64;
+        trace[i] * (1.0 - f) + trace[if i + 1 == n { 0 } else { i + 1 }] * f
+    }
+}
+
+/// A named effect as the search sees it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Candidate {
+    /// Name in the catalogue.
+    pub name: String,
+    /// Whether it is one of the measurement, not of the heart.
+    pub artefact: bool,
+    /// Fitted parameters, the strength first: prior mean of the strength is its off-value.
+    pub parameters: Vec<Parameter>,
+    /// Value at which the strength adds nothing.
+    pub off: f64,
+    /// Distance of the strength from its off-value below which it is not named.
+    pub smallest: f64,
+    /// Values from which a fit starts.
+    pub starts: Vec<Vec<f64>>,
+    /// Candidates that leave similar traces.
+    pub confused_with: Vec<String>,
+    /// Measurements that would tell it from those.
+    pub separated_by: Vec<String>,
+    /// Side data without which it is not to be seen.
+    pub hidden_because: Option<String>,
+}
+
+/// A request: base values, candidates with their values, and the nameless bumps of the activation.
+#[derive(Debug, Clone, Copy)]
+pub struct Request<'a> {
+    /// Base parameters.
+    pub base: &'a [f64],
+    /// Candidates by position with their values.
+    pub terms: &'a [(usize, &'a [f64])],
+    /// Logarithms of the factors of the activation, at equal distances over the contraction; none without.
+    pub bumps: &'a [f64],
+}
+
+/// A model with a catalogue.
+pub trait Forward: Sync {
+    /// Base parameters with priors.
+    fn base(&self) -> &[Parameter];
+    /// Further starts of the base fit beside the prior's mean, in z.
+    fn base_starts(&self) -> Vec<Vec<f64>>;
+    /// The catalogue.
+    fn candidates(&self) -> &[Candidate];
+    /// The periodic beat; none where the model has no answer.
+    fn predict(&self, request: &Request<'_>, warm: Option<&Orbit>) -> Option<Prediction>;
+}

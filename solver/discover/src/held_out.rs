@@ -1,0 +1,69 @@
+//! The gap between model and data, on the data that were fitted and on data that were held out.
+
+use crate::fit::Fit;
+use crate::forward::Prediction;
+use crate::least_squares::Settings;
+use crate::noise::{BIN_MS, Signal};
+use crate::problem::{Data, Problem};
+use rayon::prelude::*;
+
+/// Shortest block that is held out \[ms\]: longer than the noise remembers, and than a frame lasts.
+const SHORTEST_BLOCK_MS: f64 = 40.0;
+/// Each block is held out once, with every fourth of the others.
+const FOLDS: usize = 4;
+
+/// Mean of the squared standardised residuals of a signal, none without data.
+fn mean_square(signal: &Signal, beat: &Prediction, trace: &[f64]) -> Option<f64> {
+    let sum: f64 = (0..signal.len())
+        .map(|i| ((signal.value[i] - beat.at(trace, signal.time_ms[i])) / signal.noise_sd).powi(2))
+        .sum();
+    (!signal.is_empty()).then(|| sum / signal.len() as f64)
+}
+
+/// Sum of squared standardised residuals and its weight: pressure counts as often as it is independent.
+fn squares(data: &Data, beat: &Prediction) -> (f64, f64) {
+    let n_pressure = data.pressure.len() as f64 * BIN_MS / (2.0 * data.levels.pressure_correlation_ms);
+    let n_volume = data.volume.len() as f64;
+    let p = mean_square(&data.pressure, beat, &beat.pressure_mmhg).unwrap_or(0.0);
+    let v = mean_square(&data.volume, beat, &beat.volume_ml).unwrap_or(0.0);
+    (n_pressure * p + n_volume * v, n_pressure + n_volume)
+}
+
+/// Rms standardised residual of a beat, side data included.
+#[must_use]
+pub fn gap(problem: &Problem<'_>, beat: &Prediction) -> f64 {
+    let (sum, n) = squares(problem.data, beat);
+    let side = problem.side(beat);
+    ((sum + side.iter().map(|r| r * r).sum::<f64>()) / (n + side.len() as f64)).sqrt()
+}
+
+/// Length of the blocks that are held out \[ms\].
+#[must_use]
+pub fn block_ms(data: &Data) -> f64 {
+    SHORTEST_BLOCK_MS.max(3.0 * data.levels.pressure_correlation_ms)
+}
+
+/// Rms standardised residual of the traces in blocks that were held out: every fourth block is predicted from the rest, in
+/// turn. None when a refit fails.
+#[must_use]
+pub fn held_out_gap(problem: &Problem<'_>, fit: &Fit, settings: &Settings) -> Option<f64> {
+    let length = block_ms(problem.data);
+    let folds: Vec<Option<(f64, f64)>> = (0..FOLDS)
+        .into_par_iter()
+        .map(|fold| {
+            let of_fold = |time_ms: f64| (time_ms / length) as usize % FOLDS == fold;
+            let (fitted, held) = (problem.data.part(&|t| !of_fold(t)), problem.data.part(&of_fold));
+            let inner = Problem { forward: problem.forward, data: &fitted };
+            let refit = inner.fit(&fit.structure, &fit.z, Some(fit), settings)?;
+            let beat = inner.predict(&refit.structure, &refit.values(), Some(&refit.minimum.warm))?;
+            Some(squares(&held, &beat))
+        })
+        .collect();
+    let (mut sum, mut n) = (0.0, 0.0);
+    for fold in folds {
+        let (s, m) = fold?;
+        sum += s;
+        n += m;
+    }
+    Some((sum / n).sqrt())
+}

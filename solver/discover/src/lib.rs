@@ -1,0 +1,26 @@
+//! Finds where a ventricle model and measured traces disagree, names what is missing, or says that nothing can be named.
+#![deny(missing_docs)]
+
+pub mod activation;
+pub mod bootstrap;
+pub mod cohort;
+pub mod confusion;
+pub mod decide;
+pub mod fit;
+pub mod forward;
+pub mod held_out;
+pub mod least_squares;
+pub mod locate;
+pub mod measured;
+pub mod noise;
+pub mod parameter;
+pub mod problem;
+pub mod reduced;
+pub mod result;
+pub mod search;
+pub mod unexplained;
+
+pub use decide::{DiscoverError, Settings, discover};
+pub use measured::Measured;
+pub use reduced::Reduced;
+pub use result::Discovery;

@@ -1,0 +1,254 @@
+//! Where model and data disagree: residuals by phase of the beat and signal. The phases are found from the data.
+
+use crate::forward::Prediction;
+use crate::noise::slopes;
+use crate::problem::{Data, Problem};
+use serde::{Deserialize, Serialize};
+
+/// Beginnings of the phases \[ms\] in the cycle, in order; the last ends where the first begins.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Phases {
+    /// Foot of the upstroke: begin of isovolumic contraction.
+    pub isovolumic_contraction_ms: f64,
+    /// Largest dP/dt: the aortic valve opens within some ms.
+    pub early_ejection_ms: f64,
+    /// Half of the ejection.
+    pub late_ejection_ms: f64,
+    /// Least dP/dt less what the fall takes to get there: the aortic valve closes.
+    pub isovolumic_relaxation_ms: f64,
+    /// Foot of the fall: the mitral valve opens.
+    pub rapid_filling_ms: f64,
+    /// Half of the stroke volume is back and the filling slows.
+    pub diastasis_ms: f64,
+    /// Atrial systole at the latest begins here.
+    pub atrial_systole_ms: f64,
+}
+
+/// Names of the phases, in order.
+pub const PHASES: [&str; 7] = [
+    "isovolumic_contraction",
+    "early_ejection",
+    "late_ejection",
+    "isovolumic_relaxation",
+    "rapid_filling",
+    "diastasis",
+    "atrial_systole",
+];
+
+/// Latest begin of atrial systole before the upstroke's foot \[ms\]: a P-R interval and the electromechanical delay.
+const ATRIAL_LEAD_MS: f64 = 150.0;
+
+impl Phases {
+    /// Phases from pressure and volume as measured: dP/dt extremes, and levels of pressure and volume.
+    #[must_use]
+    pub fn of(data: &Data) -> Self {
+        let (t, p) = (&data.pressure.time_ms, &data.pressure.value);
+        let cycle = data.measured.cycle_ms;
+        let rate = slopes(t, p, 8.0);
+        let extreme =
+            |sign: f64| (0..t.len()).max_by(|a, b| (sign * rate[*a]).total_cmp(&(sign * rate[*b]))).unwrap_or(0);
+        let (up, down) = (extreme(1.0), extreme(-1.0));
+        let (low, high) = p.iter().fold((f64::MAX, f64::MIN), |(l, h), x| (l.min(*x), h.max(*x)));
+        let level = |share: f64| low + share * (high - low);
+        // From an index backwards or forwards, around the cycle, until the condition holds.
+        let walk = |from: usize, step: isize, stop: &dyn Fn(usize) -> bool| -> f64 {
+            let n = t.len() as isize;
+            let mut i = from as isize;
+            for _ in 0..n {
+                if stop(i as usize) {
+                    break;
+                }
+                i = (i + step).rem_euclid(n);
+            }
+            t[i as usize]
+        };
+        let foot = walk(up, -1, &|i| rate[i] < 0.1 * rate[up]);
+        let opening = walk(up, 1, &|i| rate[i] < 0.5 * rate[up]);
+        let closing = walk(down, -1, &|i| rate[i] > 0.5 * rate[down]);
+        let filling = walk(down, 1, &|i| p[i] < level(0.12) || rate[i] > 0.1 * rate[down]);
+        let after = |a: f64, b: f64| (b - a).rem_euclid(cycle);
+        let half = (opening + 0.5 * after(opening, closing)).rem_euclid(cycle);
+        let atrial = (foot - ATRIAL_LEAD_MS).rem_euclid(cycle);
+        // Rapid filling: until 70 % of the stroke volume is back, at most two thirds of the way to atrial systole.
+        let (vt, v) = (&data.volume.time_ms, &data.volume.value);
+        let (v_low, v_high) = v.iter().fold((f64::MAX, f64::MIN), |(l, h), x| (l.min(*x), h.max(*x)));
+        let way = after(filling, atrial);
+        let back = (vt.iter().zip(v))
+            .filter(|(t, v)| after(filling, **t) < way && **v > v_low + 0.7 * (v_high - v_low))
+            .map(|(t, _)| after(filling, *t))
+            .fold(way, f64::min);
+        let rapid = if way > 0.0 { back.clamp(way.min(60.0), 0.67 * way.max(90.0)).min(way) } else { 0.0 };
+        Self {
+            isovolumic_contraction_ms: foot,
+            early_ejection_ms: opening,
+            late_ejection_ms: half,
+            isovolumic_relaxation_ms: closing,
+            rapid_filling_ms: filling,
+            diastasis_ms: (filling + rapid).rem_euclid(cycle),
+            atrial_systole_ms: atrial,
+        }
+    }
+
+    /// Beginnings in order.
+    #[must_use]
+    pub fn beginnings(&self) -> [f64; 7] {
+        [
+            self.isovolumic_contraction_ms,
+            self.early_ejection_ms,
+            self.late_ejection_ms,
+            self.isovolumic_relaxation_ms,
+            self.rapid_filling_ms,
+            self.diastasis_ms,
+            self.atrial_systole_ms,
+        ]
+    }
+
+    /// Position in [`PHASES`] of a time in the cycle.
+    #[must_use]
+    pub fn at(&self, time_ms: f64, cycle_ms: f64) -> usize {
+        let begin = self.beginnings();
+        let since = |i: usize| (time_ms - begin[i]).rem_euclid(cycle_ms);
+        (0..7).min_by(|a, b| since(*a).total_cmp(&since(*b))).unwrap_or(0)
+    }
+}
+
+/// One row of the table: a signal in a phase, or a scalar.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Place {
+    /// `pressure`, `pressure_rate`, `volume`, or the scalar's name.
+    pub signal: String,
+    /// Phase, `beat` for scalars.
+    pub phase: String,
+    /// Mean of data minus model: mmHg, mmHg/s or mL.
+    pub size: f64,
+    /// Size over its standard deviation by noise and tolerance.
+    pub z: f64,
+    /// Share of the whole misfit, the sum of squared white residuals; none for derived rows.
+    pub share: f64,
+    /// Measured biomarkers that this place moves.
+    pub biomarkers: Vec<String>,
+}
+
+/// Biomarkers that a signal moves in a phase.
+fn biomarkers(signal: &str, phase: usize) -> Vec<String> {
+    let names: &[&str] = match (signal, phase) {
+        ("pressure", 0) => &["dPdt_max", "PTD90"],
+        ("pressure", 1 | 2) => &["P_max"],
+        ("pressure", 3) => &["dPdt_min", "PTD90"],
+        ("pressure", 6) => &["EDP"],
+        ("volume", 0) => &["EDV", "SV", "tau_VD"],
+        ("volume", 1) => &["tau_VD"],
+        ("volume", 2) => &["tau_VD", "SV"],
+        ("volume", 3) => &["SV"],
+        ("volume", 4 | 5) => &["tau_VR"],
+        ("volume", 6) => &["EDV", "SV"],
+        _ => &[],
+    };
+    names.iter().map(|n| (*n).to_owned()).collect()
+}
+
+/// The table of a beat against the data.
+#[must_use]
+pub fn locate(problem: &Problem<'_>, beat: &Prediction) -> Vec<Place> {
+    let data = problem.data;
+    let phases = Phases::of(data);
+    let cycle = data.measured.cycle_ms;
+    let mut places = Vec::new();
+    for (name, signal, trace) in
+        [("pressure", &data.pressure, &beat.pressure_mmhg), ("volume", &data.volume, &beat.volume_ml)]
+    {
+        let residual: Vec<f64> =
+            signal.time_ms.iter().zip(&signal.value).map(|(t, v)| v - beat.at(trace, *t)).collect();
+        let mut white = Vec::new();
+        signal.whiten(&residual, &mut white);
+        for (phase, phase_name) in PHASES.iter().enumerate() {
+            let inside: Vec<usize> =
+                (0..signal.len()).filter(|i| phases.at(signal.time_ms[*i], cycle) == phase).collect();
+            if inside.is_empty() {
+                continue;
+            }
+            let n = inside.len() as f64;
+            let size = inside.iter().map(|i| residual[*i]).sum::<f64>() / n;
+            places.push(Place {
+                signal: name.to_owned(),
+                phase: (*phase_name).to_owned(),
+                size,
+                z: size / signal.mean_sd(&inside),
+                share: inside.iter().map(|i| white[*i] * white[*i]).sum(),
+                biomarkers: biomarkers(name, phase),
+            });
+        }
+    }
+    let side = &data.measured.side;
+    let mut scalar = |name: &str, measured: f64, model: f64, sd: f64, biomarkers: &[&str]| {
+        let size = measured - model;
+        places.push(Place {
+            signal: name.to_owned(),
+            phase: "beat".to_owned(),
+            size,
+            z: size / sd,
+            share: (size / sd).powi(2),
+            biomarkers: biomarkers.iter().map(|b| (*b).to_owned()).collect(),
+        });
+    };
+    if let Some(cuff) = side.cuff {
+        scalar("cuff_systolic", cuff.systolic.value, beat.systolic_mmhg, cuff.systolic.sd, &["P_max"]);
+        scalar("cuff_diastolic", cuff.diastolic.value, beat.diastolic_mmhg, cuff.diastolic.sd, &[]);
+    }
+    if let Some(v) = side.forward_stroke_volume {
+        scalar("forward_stroke_volume", v.value, beat.forward_stroke_volume_ml, v.sd, &["SV"]);
+    }
+    if let Some(w) = side.whole_heart {
+        scalar("whole_heart_volume", w.volume.value, beat.at(&beat.true_volume_ml, w.time_ms), w.volume.sd, &["EDV"]);
+    }
+    let total: f64 = places.iter().map(|p| p.share).sum();
+    places.iter_mut().for_each(|p| p.share /= total.max(f64::MIN_POSITIVE));
+    places.extend(derived(data, beat, &phases));
+    places
+}
+
+/// Rows that repeat what others show, in the clinic's words: end-diastolic pressure and volume, dP/dt extremes.
+fn derived(data: &Data, beat: &Prediction, phases: &Phases) -> Vec<Place> {
+    let cycle = data.measured.cycle_ms;
+    let end = phases.isovolumic_contraction_ms;
+    let near = |t: f64| {
+        let d = (t - end).rem_euclid(cycle);
+        d.min(cycle - d)
+    };
+    let mut rows = Vec::new();
+    let mut row = |signal: &str, phase: &str, size: f64, sd: f64, biomarker: &str| {
+        let biomarkers = vec![biomarker.to_owned()];
+        rows.push(Place {
+            signal: signal.to_owned(),
+            phase: phase.to_owned(),
+            size,
+            z: size / sd,
+            share: 0.0,
+            biomarkers,
+        });
+    };
+    for (name, signal, trace, width, biomarker) in [
+        ("end_diastolic_pressure", &data.pressure, &beat.pressure_mmhg, 12.0, "EDP"),
+        ("end_diastolic_volume", &data.volume, &beat.volume_ml, 35.0, "EDV"),
+    ] {
+        let inside: Vec<usize> = (0..signal.len()).filter(|i| near(signal.time_ms[*i]) <= width).collect();
+        if !inside.is_empty() {
+            let difference = |i: &usize| signal.value[*i] - beat.at(trace, signal.time_ms[*i]);
+            let size = inside.iter().map(difference).sum::<f64>() / inside.len() as f64;
+            row(name, "beat", size, signal.mean_sd(&inside), biomarker);
+        }
+    }
+    let model: Vec<f64> = data.pressure.time_ms.iter().map(|t| beat.at(&beat.pressure_mmhg, *t)).collect();
+    let (of_data, of_model) =
+        (slopes(&data.pressure.time_ms, &data.pressure.value, 8.0), slopes(&data.pressure.time_ms, &model, 8.0));
+    // Noise of a slope over 16 ms: two ends of coloured noise.
+    let tau = data.levels.pressure_correlation_ms;
+    let sd = data.levels.pressure_rms_mmhg * (2.0 * (1.0 - (-16.0 / tau).exp())).sqrt() / 16.0;
+    for (phase, sign, biomarker) in
+        [("isovolumic_contraction", 1.0, "dPdt_max"), ("isovolumic_relaxation", -1.0, "dPdt_min")]
+    {
+        let largest = |v: &[f64]| v.iter().fold(f64::MIN, |m, x| m.max(sign * x));
+        row("pressure_rate", phase, 1e3 * sign * (largest(&of_data) - largest(&of_model)), 1e3 * sd, biomarker);
+    }
+    rows
+}

@@ -1,0 +1,207 @@
+//! What was measured: traces, what is said of their noise, and scalars measured beside them.
+
+use serde::{Deserialize, Serialize};
+
+/// A number with its standard deviation.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Uncertain {
+    /// Value.
+    pub value: f64,
+    /// Standard deviation, in the value's unit.
+    pub sd: f64,
+}
+
+/// What the patient file says of the noise. Stated values are themselves uncertain ([`STATED_NOISE_SD`]).
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+pub struct StatedNoise {
+    /// Root mean square of the noise left in the pressure trace \[mmHg\].
+    pub pressure_rms_mmhg: Option<f64>,
+    /// Its exponential correlation time \[ms\].
+    pub pressure_correlation_ms: Option<f64>,
+    /// Root mean square of the noise of a volume frame \[mL\].
+    pub volume_rms_ml: Option<f64>,
+}
+
+/// Standard deviation of the logarithm of a stated noise level or correlation time.
+pub const STATED_NOISE_SD: f64 = 0.1;
+
+/// Arm cuff, independent of the catheter.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Cuff {
+    /// Systolic pressure \[mmHg\].
+    pub systolic: Uncertain,
+    /// Diastolic pressure \[mmHg\].
+    pub diastolic: Uncertain,
+}
+
+/// Volume of a 3D whole-heart image at a time in the cycle.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct WholeHeart {
+    /// Time in the cycle \[ms\].
+    pub time_ms: f64,
+    /// Volume \[mL\].
+    pub volume: Uncertain,
+}
+
+/// Scalars measured beside the traces.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+pub struct SideData {
+    /// Arm cuff.
+    pub cuff: Option<Cuff>,
+    /// Net forward stroke volume by flow imaging \[mL\].
+    pub forward_stroke_volume: Option<Uncertain>,
+    /// Whole-heart image.
+    pub whole_heart: Option<WholeHeart>,
+}
+
+impl SideData {
+    /// Number of scalars.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        2 * usize::from(self.cuff.is_some())
+            + usize::from(self.forward_stroke_volume.is_some())
+            + usize::from(self.whole_heart.is_some())
+    }
+
+    /// Whether there is none.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+}
+
+/// One patient's data: a steady beat of pressure and volume.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Measured {
+    /// Cycle length \[ms\].
+    pub cycle_ms: f64,
+    /// Times of the pressure samples \[ms\], increasing, within one cycle.
+    pub pressure_time_ms: Vec<f64>,
+    /// Pressure \[mmHg\].
+    pub pressure_mmhg: Vec<f64>,
+    /// Times of the volume frames \[ms\], increasing, within one cycle.
+    pub frame_time_ms: Vec<f64>,
+    /// Volume of each frame \[mL\], as segmented: never an interpolated trace.
+    pub frame_volume_ml: Vec<f64>,
+    /// Stated noise.
+    pub noise: StatedNoise,
+    /// Side data.
+    pub side: SideData,
+    /// Wall volume \[mL\].
+    pub wall_volume: Uncertain,
+}
+
+/// What is wrong with the data.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum MeasuredError {
+    /// A trace whose columns differ in length.
+    #[error("the {trace} has {n_times} times, but {n_values} values")]
+    Length {
+        /// Which trace.
+        trace: &'static str,
+        /// Number of times.
+        n_times: usize,
+        /// Number of values.
+        n_values: usize,
+    },
+    /// Too few samples.
+    #[error("the {trace} has {found} samples over the cycle, at least {expected} are needed")]
+    TooFew {
+        /// Which trace.
+        trace: &'static str,
+        /// Number of samples.
+        found: usize,
+        /// Smallest number.
+        expected: usize,
+    },
+    /// Times that do not increase within the cycle.
+    #[error("the {trace}: time {time_ms} ms at sample {sample} does not increase within the cycle of {cycle_ms} ms")]
+    Time {
+        /// Which trace.
+        trace: &'static str,
+        /// Number of the sample, from one.
+        sample: usize,
+        /// Its time.
+        time_ms: f64,
+        /// Cycle length.
+        cycle_ms: f64,
+    },
+    /// A number that makes no sense.
+    #[error("{name} is {value}, expected {expected}")]
+    Value {
+        /// Which number.
+        name: &'static str,
+        /// Its value.
+        value: f64,
+        /// What is expected.
+        expected: &'static str,
+    },
+}
+
+/// Fewest pressure samples of a cycle.
+const PRESSURE_SAMPLES: usize = 100;
+/// Fewest volume frames of a cycle.
+const FRAMES: usize = 12;
+
+impl Measured {
+    /// Checks lengths, times and values.
+    ///
+    /// # Errors
+    /// [`MeasuredError`] with the first thing that is wrong.
+    pub fn validate(&self) -> Result<(), MeasuredError> {
+        positive("the cycle length in ms", self.cycle_ms)?;
+        let traces = [
+            ("pressure trace", &self.pressure_time_ms, &self.pressure_mmhg, PRESSURE_SAMPLES),
+            ("volume trace", &self.frame_time_ms, &self.frame_volume_ml, FRAMES),
+        ];
+        for (trace, times, values, expected) in traces {
+            if times.len() != values.len() {
+                return Err(MeasuredError::Length { trace, n_times: times.len(), n_values: values.len() });
+            }
+            if times.len() < expected {
+                return Err(MeasuredError::TooFew { trace, found: times.len(), expected });
+            }
+            for (i, t) in times.iter().enumerate() {
+                let increases = i == 0 || *t > times[i - 1];
+                if !(increases && *t >= 0.0 && *t <= self.cycle_ms + 1e-6) {
+                    return Err(MeasuredError::Time { trace, sample: i + 1, time_ms: *t, cycle_ms: self.cycle_ms });
+                }
+            }
+            if let Some(value) = values.iter().find(|v| !v.is_finite()) {
+                return Err(MeasuredError::Value { name: trace, value: *value, expected: "finite values" });
+            }
+        }
+        if let Some(value) = self.frame_volume_ml.iter().find(|v| **v <= 0.0) {
+            return Err(MeasuredError::Value { name: "a volume frame", value: *value, expected: "above 0 mL" });
+        }
+        let noise = [
+            ("the stated rms of the pressure noise in mmHg", self.noise.pressure_rms_mmhg),
+            ("the stated correlation time of the pressure noise in ms", self.noise.pressure_correlation_ms),
+            ("the stated rms of the volume noise in mL", self.noise.volume_rms_ml),
+        ];
+        for (name, value) in noise {
+            value.map_or(Ok(()), |value| positive(name, value))?;
+        }
+        let mut scalars = vec![("the wall volume in mL", self.wall_volume)];
+        if let Some(cuff) = self.side.cuff {
+            scalars.extend([
+                ("the systolic cuff pressure", cuff.systolic),
+                ("the diastolic cuff pressure", cuff.diastolic),
+            ]);
+        }
+        scalars.extend(self.side.forward_stroke_volume.map(|v| ("the forward stroke volume in mL", v)));
+        scalars.extend(self.side.whole_heart.map(|w| ("the whole-heart volume in mL", w.volume)));
+        for (name, scalar) in scalars {
+            positive(name, scalar.value)?;
+            positive(name, scalar.sd)?;
+        }
+        Ok(())
+    }
+}
+
+fn positive(name: &'static str, value: f64) -> Result<(), MeasuredError> {
+    if value > 0.0 && value.is_finite() {
+        return Ok(());
+    }
+    Err(MeasuredError::Value { name, value, expected: "positive, with a positive standard deviation where it has one" })
+}

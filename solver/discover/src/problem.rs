@@ -1,0 +1,199 @@
+//! A model of the search (base, named terms, bumps) and its residuals against the data.
+
+use crate::forward::{Forward, Prediction, Request};
+use crate::measured::Measured;
+use crate::noise::{NoiseLevels, Signal, Tolerance, pressure_signal, volume_signal};
+use crate::parameter::Parameter;
+use cardiotwin_models::periodic::Orbit;
+use nalgebra::DVector;
+
+/// Factors of the activation in the nameless competitor.
+pub const N_BUMPS: usize = 6;
+/// Prior standard deviation of each factor's logarithm.
+const BUMP_SD: f64 = 0.15;
+
+/// Data ready for fits.
+#[derive(Debug, Clone)]
+pub struct Data {
+    /// As measured.
+    pub measured: Measured,
+    /// Noise in use.
+    pub levels: NoiseLevels,
+    /// Pressure bins.
+    pub pressure: Signal,
+    /// Volume frames.
+    pub volume: Signal,
+}
+
+impl Data {
+    /// Bins, covariances and noise levels of what was measured.
+    #[must_use]
+    pub fn new(measured: Measured, tolerance: &Tolerance) -> Self {
+        let levels = NoiseLevels::of(&measured);
+        let pressure = pressure_signal(&measured, &levels, tolerance);
+        let volume = volume_signal(&measured, &levels, tolerance);
+        Self { measured, levels, pressure, volume }
+    }
+
+    /// The trace data at the times that are wanted; side data as they are.
+    #[must_use]
+    pub fn part(&self, wanted: &dyn Fn(f64) -> bool) -> Self {
+        let keep = |signal: &Signal| (0..signal.len()).filter(|i| wanted(signal.time_ms[*i])).collect::<Vec<usize>>();
+        Self {
+            pressure: self.pressure.subset(&keep(&self.pressure)),
+            volume: self.volume.subset(&keep(&self.volume)),
+            ..self.clone()
+        }
+    }
+
+    /// Independent pieces of information: frames, pressure samples two correlation times apart, scalars.
+    #[must_use]
+    pub fn n_effective(&self) -> f64 {
+        let span = self.measured.cycle_ms * self.pressure.len() as f64 * crate::noise::BIN_MS / self.measured.cycle_ms;
+        self.volume.len() as f64 + span / (2.0 * self.levels.pressure_correlation_ms) + self.measured.side.len() as f64
+    }
+}
+
+/// Which terms a model has beside the base.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Hash)]
+pub struct Structure {
+    /// Candidates by position.
+    pub terms: Vec<usize>,
+    /// Whether the activation has nameless bumps.
+    pub bumps: bool,
+}
+
+/// Weights of the squared residuals of pressure and volume: the inverse of their profiled noise scales squared.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Weights {
+    /// Pressure.
+    pub pressure: f64,
+    /// Volume.
+    pub volume: f64,
+}
+
+/// Everything that a fit of one structure needs.
+pub struct Problem<'a> {
+    /// Model.
+    pub forward: &'a dyn Forward,
+    /// Data.
+    pub data: &'a Data,
+}
+
+/// Sums of squared white residuals by their origin.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Misfit {
+    /// Pressure.
+    pub pressure: f64,
+    /// Volume.
+    pub volume: f64,
+    /// Side data.
+    pub side: f64,
+    /// Priors.
+    pub prior: f64,
+}
+
+impl Problem<'_> {
+    /// Parameters of a structure: base, terms in order, bumps.
+    #[must_use]
+    pub fn parameters(&self, structure: &Structure) -> Vec<Parameter> {
+        let mut all = self.forward.base().to_vec();
+        for term in &structure.terms {
+            all.extend(self.forward.candidates()[*term].parameters.iter().cloned());
+        }
+        if structure.bumps {
+            all.extend((0..N_BUMPS).map(|i| Parameter {
+                name: format!("bump_{}", i + 1),
+                lower: -1.0,
+                upper: 1.0,
+                mean: 0.0,
+                sd: BUMP_SD,
+                log: false,
+            }));
+        }
+        all
+    }
+
+    /// The beat of these values.
+    #[must_use]
+    pub fn predict(&self, structure: &Structure, values: &[f64], warm: Option<&Orbit>) -> Option<Prediction> {
+        let n_base = self.forward.base().len();
+        let (base, mut rest) = values.split_at(n_base);
+        let mut terms = Vec::with_capacity(structure.terms.len());
+        for term in &structure.terms {
+            let (own, others) = rest.split_at(self.forward.candidates()[*term].parameters.len());
+            terms.push((*term, own));
+            rest = others;
+        }
+        self.forward.predict(&Request { base, terms: &terms, bumps: rest }, warm)
+    }
+
+    /// White residuals of a beat, data minus model: pressure, volume, side data. Weights multiply the squares.
+    #[must_use]
+    pub fn white(&self, beat: &Prediction, weights: Weights) -> Vec<f64> {
+        let data = self.data;
+        let mut out = Vec::with_capacity(data.pressure.len() + data.volume.len() + 32);
+        let difference = |signal: &Signal, trace: &[f64]| -> Vec<f64> {
+            signal.time_ms.iter().zip(&signal.value).map(|(t, v)| v - beat.at(trace, *t)).collect()
+        };
+        data.pressure.whiten(&difference(&data.pressure, &beat.pressure_mmhg), &mut out);
+        data.volume.whiten(&difference(&data.volume, &beat.volume_ml), &mut out);
+        let (p, v) = (weights.pressure.sqrt(), weights.volume.sqrt());
+        let n_p = data.pressure.len();
+        out[..n_p].iter_mut().for_each(|r| *r *= p);
+        out[n_p..].iter_mut().for_each(|r| *r *= v);
+        out.extend(self.side(beat));
+        out
+    }
+
+    /// Standardised residuals of the side data: cuff (systolic, diastolic), forward stroke volume, whole-heart volume.
+    #[must_use]
+    pub fn side(&self, beat: &Prediction) -> Vec<f64> {
+        let side = &self.data.measured.side;
+        let mut out = Vec::with_capacity(4);
+        if let Some(cuff) = side.cuff {
+            out.push((cuff.systolic.value - beat.systolic_mmhg) / cuff.systolic.sd);
+            out.push((cuff.diastolic.value - beat.diastolic_mmhg) / cuff.diastolic.sd);
+        }
+        if let Some(v) = side.forward_stroke_volume {
+            out.push((v.value - beat.forward_stroke_volume_ml) / v.sd);
+        }
+        if let Some(w) = side.whole_heart {
+            out.push((w.volume.value - beat.at(&beat.true_volume_ml, w.time_ms)) / w.volume.sd);
+        }
+        out
+    }
+
+    /// Residuals of z: white residuals, then priors; with the state for a warm start.
+    #[must_use]
+    pub fn residuals(
+        &self,
+        structure: &Structure,
+        parameters: &[Parameter],
+        z: &[f64],
+        weights: Weights,
+        warm: Option<&Orbit>,
+    ) -> Option<(DVector<f64>, Orbit)> {
+        let values: Vec<f64> = parameters.iter().zip(z).map(|(p, z)| p.value(*z)).collect();
+        let beat = self.predict(structure, &values, warm)?;
+        let mut out = self.white(&beat, weights);
+        if out.iter().any(|r| !r.is_finite()) {
+            return None;
+        }
+        out.extend_from_slice(z);
+        Some((DVector::from_vec(out), beat.warm))
+    }
+
+    /// Sums of squares by origin of residuals made with these weights, without the weights.
+    #[must_use]
+    pub fn misfit(&self, residuals: &DVector<f64>, weights: Weights) -> Misfit {
+        let (n_p, n_v, n_s) = (self.data.pressure.len(), self.data.volume.len(), self.data.measured.side.len());
+        let sum = |from: usize, n: usize| residuals.rows(from, n).norm_squared();
+        Misfit {
+            pressure: sum(0, n_p) / weights.pressure,
+            volume: sum(n_p, n_v) / weights.volume,
+            side: sum(n_p + n_v, n_s),
+            prior: sum(n_p + n_v + n_s, residuals.len() - n_p - n_v - n_s),
+        }
+    }
+}

@@ -1,0 +1,246 @@
+//! The one-fibre ventricle with its circulation and the catalogue of effects, as the search sees them.
+
+use crate::activation::{ActivationCurve, CurveParameters};
+use crate::forward::{Candidate, Forward, Prediction, Request};
+use crate::measured::{Measured, Uncertain};
+use crate::parameter::Parameter;
+use cardiotwin_models::circulation::windkessel::WindkesselParameters;
+use cardiotwin_models::circulation::{LeftHeart, StartPressure};
+use cardiotwin_models::effects::{self, BaseModel, CATALOGUE, Effect, EffectSetting, Kind, Role, assemble};
+use cardiotwin_models::periodic::{Orbit, PeriodicSettings, find};
+use cardiotwin_models::ventricle::passive_state::DEFAULT_EXPONENT;
+use cardiotwin_models::ventricle::{ActivationSpread, GroupContraction, OneFibrePassive};
+use cardiotwin_units::{Ml, MlPerMmhg, Mmhg, MmhgSPerMl, Ms};
+
+/// Steps of a simulated beat \[ms\].
+const STEP: Ms = Ms(2.0);
+/// Largest change of a state over a beat that counts as periodic.
+const TOLERANCE: f64 = 2e-4;
+/// Beats after which a model that is not periodic has no answer.
+const BEATS: usize = 25;
+
+/// Base parameters, by name, in the order of all value lists.
+pub const BASE: [&str; 19] = [
+    "left_atrial_pressure_mmHg",
+    "reference_volume_mL",
+    "unloaded_share",
+    "passive_pressure_mmHg",
+    "passive_exponent",
+    "wall_volume_mL",
+    "characteristic_resistance_mmHg_s_per_mL",
+    "peripheral_resistance_mmHg_s_per_mL",
+    "compliance_mL_per_mmHg",
+    "R_AV_f_mmHg_s_per_mL",
+    "R_MV_f_mmHg_s_per_mL",
+    "Smax_ref_kPa",
+    "tau_SR_ref_ms",
+    "rise_exponent",
+    "tau_SD_ms",
+    "t_CR_ms",
+    "onset_ms",
+    "spread_ms",
+    "least_stretch",
+];
+
+/// The reduced model of one patient.
+#[derive(Debug, Clone)]
+pub struct Reduced {
+    cycle: Ms,
+    base: Vec<Parameter>,
+    candidates: Vec<Candidate>,
+    effects: Vec<&'static Effect>,
+}
+
+fn log(name: &str, (lower, upper): (f64, f64), mean: f64, sd: f64) -> Parameter {
+    Parameter { name: name.to_owned(), lower, upper, mean: mean.clamp(lower, upper), sd, log: true }
+}
+
+fn plain(name: &str, (lower, upper): (f64, f64), mean: f64, sd: f64) -> Parameter {
+    Parameter { name: name.to_owned(), lower, upper, mean: mean.clamp(lower, upper), sd, log: false }
+}
+
+/// Priors of the base: weak, around what the data's extremes and textbook values suggest.
+fn base_priors(m: &Measured) -> Vec<Parameter> {
+    let range = |v: &[f64]| v.iter().fold((f64::MAX, f64::MIN), |(l, h), x| (l.min(*x), h.max(*x)));
+    let (v_min, v_max) = range(&m.frame_volume_ml);
+    let p_max = range(&m.pressure_mmhg).1;
+    let (systolic, diastolic) =
+        m.side.cuff.map_or((p_max, 0.65 * p_max), |cuff| (cuff.systolic.value, cuff.diastolic.value));
+    let stroke = m.side.forward_stroke_volume.map_or(v_max - v_min, |v: Uncertain| v.value);
+    let resistance = (diastolic + 0.4 * (systolic - diastolic)) / (stroke / m.cycle_ms * 1e3);
+    let wall = m.wall_volume;
+    let wall_sd = wall.sd / wall.value;
+    vec![
+        log(BASE[0], (3.0, 40.0), 11.0, 0.4),
+        log(BASE[1], (0.7 * v_max, 1.4 * v_max), v_max, 0.1),
+        plain(BASE[2], (0.08, 0.65), 0.38, 0.13),
+        log(BASE[3], (1.0, 60.0), 12.0, 0.5),
+        log(BASE[4], (3.0, 14.0), DEFAULT_EXPONENT, 0.12),
+        log(BASE[5], (0.6 * wall.value, 1.6 * wall.value), wall.value, wall_sd),
+        log(BASE[6], (0.005, 0.2), 0.045, 0.5),
+        log(BASE[7], (0.3 * resistance, 3.0 * resistance), resistance, 0.3),
+        log(BASE[8], (0.2, 6.0), 1.4, 0.5),
+        log(BASE[9], (0.001, 0.015), 0.006, 0.4),
+        log(BASE[10], (0.003, 0.12), 0.03, 0.5),
+        log(BASE[11], (20.0, 500.0), 80.0, 0.5),
+        log(BASE[12], (5.0, 250.0), 35.0, 0.6),
+        log(BASE[13], (1.0, 5.0), 2.0, 0.25),
+        log(BASE[14], (8.0, 300.0), 45.0, 0.6),
+        log(BASE[15], (150.0, 0.95 * m.cycle_ms), 0.3 * m.cycle_ms + 90.0, 0.2),
+        plain(BASE[16], (0.0, 140.0), 15.0, 15.0),
+        plain(BASE[17], (10.0, 70.0), 40.0, 8.0),
+        plain(BASE[18], (0.3, 0.85), 0.67, 0.1),
+    ]
+}
+
+/// A catalogue entry with its fitted parameters: strength and shape; the rest is held at its typical value.
+fn candidate(effect: &'static Effect) -> Candidate {
+    let strength = effect.strength();
+    let off = strength.off.unwrap_or(strength.range.0);
+    let fitted: Vec<_> = effect.parameters.iter().filter(|p| p.role != Role::Held).collect();
+    let parameters = fitted
+        .iter()
+        .map(|p| {
+            let mean = if p.role == Role::Strength { off } else { p.typical };
+            plain(p.name, p.accepted(), mean, p.prior_scale)
+        })
+        .collect();
+    let typical: Vec<f64> = fitted.iter().map(|p| p.typical).collect();
+    let mut starts = vec![typical.clone()];
+    let (low, high) = strength.range;
+    if low < off && off < high {
+        let mut other = typical.clone();
+        other[0] = (2.0 * off - typical[0]).max(low);
+        starts.push(other);
+    }
+    // A shape that is far from the middle of its range gets a start there too.
+    for (i, p) in fitted.iter().enumerate().skip(1) {
+        let middle = 0.5 * (p.range.0 + p.range.1);
+        if (middle - p.typical).abs() > 0.3 * (p.range.1 - p.range.0) {
+            let mut other = typical.clone();
+            other[i] = middle;
+            starts.push(other);
+        }
+    }
+    Candidate {
+        name: effect.name.to_owned(),
+        artefact: effect.kind == Kind::Artefact,
+        parameters,
+        off,
+        smallest: strength.smallest,
+        starts,
+        confused_with: effect.confused_with.iter().map(|s| (*s).to_owned()).collect(),
+        separated_by: effect.separated_by.iter().map(|s| (*s).to_owned()).collect(),
+        hidden_because: effect.hidden_because.map(str::to_owned),
+    }
+}
+
+impl Reduced {
+    /// The model of a patient with the whole catalogue.
+    #[must_use]
+    pub fn new(measured: &Measured) -> Self {
+        Self {
+            cycle: Ms(measured.cycle_ms),
+            base: base_priors(measured),
+            candidates: CATALOGUE.into_iter().map(candidate).collect(),
+            effects: CATALOGUE.to_vec(),
+        }
+    }
+
+    /// Settings of the catalogue for candidates with fitted values.
+    #[must_use]
+    pub fn settings(&self, terms: &[(usize, &[f64])]) -> Vec<EffectSetting> {
+        terms
+            .iter()
+            .map(|(term, fitted)| {
+                let effect = self.effects[*term];
+                let mut fitted = fitted.iter();
+                let value = |p: &effects::Parameter| {
+                    if p.role == Role::Held { p.typical } else { fitted.next().copied().unwrap_or(p.typical) }
+                };
+                EffectSetting { effect, values: effect.parameters.iter().map(value).collect() }
+            })
+            .collect()
+    }
+
+    fn base_model(&self, x: &[f64], bumps: &[f64]) -> Option<BaseModel> {
+        let passive = OneFibrePassive::through(Ml(x[2] * x[1]), Ml(x[1]), Mmhg(x[3]), Ml(x[5]), x[4]).ok()?;
+        let heart = LeftHeart {
+            left_atrial_pressure: Mmhg(x[0]),
+            mitral_forward: MmhgSPerMl(x[10]),
+            mitral_backward: LeftHeart::BACKWARD,
+            aortic_forward: MmhgSPerMl(x[9]),
+            aortic_backward: LeftHeart::BACKWARD,
+            windkessel: WindkesselParameters {
+                characteristic_resistance: MmhgSPerMl(x[6]),
+                peripheral_resistance: MmhgSPerMl(x[7]),
+                compliance: MlPerMmhg(x[8]),
+            },
+            start: StartPressure::DiastolicCuff(Mmhg(75.0)),
+            cycle_length: self.cycle,
+        };
+        let curve = CurveParameters {
+            smax_kpa: x[11],
+            rise_ms: x[12],
+            rise_exponent: x[13],
+            fall_ms: x[14],
+            duration_ms: x[15],
+            least_stretch: x[18],
+            spread_ms: x[17],
+        };
+        Some(BaseModel {
+            heart,
+            passive,
+            activation: ActivationSpread { onset: Ms(x[16]), spread: Ms(0.0), n_groups: 1 },
+            contraction: GroupContraction::new(Box::new(ActivationCurve::new(&curve, bumps)), None, Vec::new()).ok()?,
+        })
+    }
+}
+
+impl Forward for Reduced {
+    fn base(&self) -> &[Parameter] {
+        &self.base
+    }
+
+    fn base_starts(&self) -> Vec<Vec<f64>> {
+        let start = |changes: &[(usize, f64)]| {
+            let mut z = vec![0.0; self.base.len()];
+            changes.iter().for_each(|(i, value)| z[*i] = *value);
+            z
+        };
+        vec![
+            start(&[(11, 0.7), (12, -0.5), (14, 0.7), (2, -0.7)]),
+            start(&[(12, -0.7), (15, -0.5), (14, -0.5), (0, 0.7), (18, 0.7)]),
+        ]
+    }
+
+    fn candidates(&self) -> &[Candidate] {
+        &self.candidates
+    }
+
+    fn predict(&self, request: &Request<'_>, warm: Option<&Orbit>) -> Option<Prediction> {
+        let base = self.base_model(request.base, request.bumps)?;
+        let mut model = assemble(base, &self.settings(request.terms)).ok()?;
+        let settings =
+            PeriodicSettings { tolerance: TOLERANCE, limit: BEATS, ..PeriodicSettings::with_step(self.cycle, STEP) };
+        let beat = find(&mut model, self.cycle, &settings, warm).ok()?;
+        if !beat.periodic {
+            return None;
+        }
+        let measured = beat.measured(&model);
+        let aorta = beat.aortic_pressure_mmhg.iter().fold((f64::MAX, f64::MIN), |(l, h), p| (l.min(*p), h.max(*p)));
+        Some(Prediction {
+            step_ms: measured.spacing_ms(),
+            pressure_mmhg: measured.pressure_mmhg,
+            volume_ml: measured.volume_ml,
+            true_volume_ml: beat.heart.volume_ml,
+            true_pressure_mmhg: beat.heart.pressure_mmhg,
+            aortic_flow_ml_per_s: beat.aortic_flow_ml_per_s,
+            mitral_flow_ml_per_s: beat.mitral_flow_ml_per_s,
+            systolic_mmhg: aorta.1,
+            diastolic_mmhg: aorta.0,
+            forward_stroke_volume_ml: beat.forward_volume_ml,
+            warm: beat.orbit,
+        })
+    }
+}
