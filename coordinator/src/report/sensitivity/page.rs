@@ -31,7 +31,8 @@ pub fn page(record: &SensitivityRecord) -> String {
         h1 { "Sensitivity of the 0D cell" }
         p.lead { (summary(record)) }
         h2 id="indices" { "Indices" }
-        p.key { span.first { "■ first-order index S1" } " " span.total { "■ total-effect index ST" } ". " (heading(record)) "." }
+        p.key { span.first { "■ first-order index S1" } " " span.total { "■ total-effect index ST" } }
+        p { (heading(record)) "." }
         @for output in &record.outputs { figure { (panel(record, output).render()) } }
         h2 id="ranking" { "Ranking" }
         (ranking(record))

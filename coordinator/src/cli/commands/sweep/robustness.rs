@@ -27,11 +27,16 @@ use crate::sweep::{SweepError, folder, robustness};
 /// Word that names every patient.
 const ALL: &str = "all";
 
+/// Setting that says where step 1 stops.
+const STOP: &str = "step1.stop=";
+
 /// Personalise around uncertain data or initial guesses, and tell the spread (Tables 3 to 10 and Figure 6 of the paper)
 #[derive(Debug, Args)]
 #[command(
     after_help = "The same command goes on where an earlier one stopped; nothing finished is computed again. The folder \
-                  is a run: `status`, `show`, `logs` and `cancel` work on it."
+                  is a run: `status`, `show`, `logs` and `cancel` work on it. With --kind guess, step 1 goes on to its \
+                  best iterate (step1.stop = \"best-of-limit\"): at the first one within the tolerance, the paper's rule \
+                  (--set step1.stop=first-converged), it is the guess that decides where the fixed point stops."
 )]
 pub struct RobustnessArgs {
     /// Folder of the cohort
@@ -137,6 +142,9 @@ fn before(over: Uncertainty, out: &Path) -> Result<Option<RobustnessSpec>, CliEr
 /// The patients of the sweep: those named and those that it has; the whole cohort where nobody is named. Or all problems.
 fn load(args: &RobustnessArgs, before: Option<&RobustnessSpec>, talk: &Talk) -> Result<Cohort, CliError> {
     let mut set = args.set.clone();
+    if args.kind == Kind::Guess && !set.iter().any(|setting| setting.starts_with(STOP)) {
+        set.push(format!("{STOP}best-of-limit"));
+    }
     set.extend(args.workers.map(|n| format!("executor.workers={n}")));
     let mut only: Vec<String> = before.map_or(Vec::new(), |s| s.patients.iter().map(ToString::to_string).collect());
     only.extend(
