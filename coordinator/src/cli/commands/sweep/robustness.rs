@@ -29,14 +29,16 @@ const ALL: &str = "all";
 
 /// Setting that says where step 1 stops.
 const STOP: &str = "step1.stop=";
+/// Step 1 goes on until nothing is gained any more: elsewhere it is the guess that decides where it stops.
+const TO_THE_END: [&str; 3] = ["step1.stop=best-of-limit", "step1.max_iterations=30", "step1.stall_iterations=6"];
 
 /// Personalise around uncertain data or initial guesses, and tell the spread (Tables 3 to 10 and Figure 6 of the paper)
 #[derive(Debug, Args)]
 #[command(
     after_help = "The same command goes on where an earlier one stopped; nothing finished is computed again. The folder \
-                  is a run: `status`, `show`, `logs` and `cancel` work on it. With --kind guess, step 1 goes on to its \
-                  best iterate (step1.stop = \"best-of-limit\"): at the first one within the tolerance, the paper's rule \
-                  (--set step1.stop=first-converged), it is the guess that decides where the fixed point stops."
+                  is a run: `status`, `show`, `logs` and `cancel` work on it. With --kind guess, step 1 goes on \
+                  until six iterations in a row gain nothing, at most 30: at the first iterate within the tolerance, the \
+                  paper's rule (--set step1.stop=first-converged), it is the guess that decides where it stops."
 )]
 pub struct RobustnessArgs {
     /// Folder of the cohort
@@ -143,7 +145,8 @@ fn before(over: Uncertainty, out: &Path) -> Result<Option<RobustnessSpec>, CliEr
 fn load(args: &RobustnessArgs, before: Option<&RobustnessSpec>, talk: &Talk) -> Result<Cohort, CliError> {
     let mut set = args.set.clone();
     if args.kind == Kind::Guess && !set.iter().any(|setting| setting.starts_with(STOP)) {
-        set.push(format!("{STOP}best-of-limit"));
+        // First, so that what the caller sets wins.
+        set.splice(0..0, TO_THE_END.map(str::to_owned));
     }
     set.extend(args.workers.map(|n| format!("executor.workers={n}")));
     let mut only: Vec<String> = before.map_or(Vec::new(), |s| s.patients.iter().map(ToString::to_string).collect());
