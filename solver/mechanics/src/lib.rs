@@ -3,6 +3,8 @@
 //! - [`material`]: strain energies with stress and consistent tangent, active stress
 //! - [`element`]: linear and quadratic tetrahedra, eight at a time
 //! - [`body`]: assembly of forces and stiffness
+//! - [`boundary`]: follower pressure, springs
+//! - [`newton`], [`statics`]: equilibrium under a growing load
 //! - [`linear`]: sparse matrices of 3×3 blocks and solvers
 //! - [`parallel`]: every global operation behind one interface
 //! - [`number`]: the numbers that kernels are written over, SIMD vectors among them
@@ -14,8 +16,11 @@
 #![allow(clippy::neg_cmp_op_on_partial_ord, reason = "a comparison with NaN must end on the cautious side")]
 
 pub mod body;
+pub mod boundary;
 pub mod element;
 pub mod linear;
 pub mod material;
+pub mod newton;
 pub mod number;
 pub mod parallel;
+pub mod statics;

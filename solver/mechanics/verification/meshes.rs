@@ -73,12 +73,13 @@ pub struct Sheet {
     pub triangles: Vec<[u32; 3]>,
 }
 
-/// The unit disc from an `2n` × `2n` grid of squares by concentric squares; no point is special but the middle's edges.
-pub fn disc(n: usize) -> Sheet {
-    let m = 2 * n;
+/// The unit disc from a `2n` × `2n` grid of squares by concentric squares, or its first quadrant; radii to the power of
+/// `grading`, which makes the middle finer.
+pub fn disc(n: usize, quarter: bool, grading: f64) -> Sheet {
+    let (m, first) = if quarter { (n, n) } else { (2 * n, 0) };
     let mut points = vec![];
-    for i in 0..=m {
-        for j in 0..=m {
+    for i in first..=first + m {
+        for j in first..=first + m {
             let (a, b) = (i as f64 / n as f64 - 1.0, j as f64 / n as f64 - 1.0);
             let (r, angle) = if a == 0.0 && b == 0.0 {
                 (0.0, 0.0)
@@ -87,6 +88,7 @@ pub fn disc(n: usize) -> Sheet {
             } else {
                 (b, std::f64::consts::FRAC_PI_2 - std::f64::consts::FRAC_PI_4 * a / b)
             };
+            let r = r.signum() * r.abs().powf(grading);
             points.push([r * angle.cos(), r * angle.sin()]);
         }
     }
@@ -96,7 +98,7 @@ pub fn disc(n: usize) -> Sheet {
         for j in 0..m {
             let (c00, c10, c01, c11) = (at(i, j), at(i + 1, j), at(i, j + 1), at(i + 1, j + 1));
             // Diagonals point at the middle, so that no triangle has two edges on the rim.
-            if (i < n) == (j < n) {
+            if quarter || (i < n) == (j < n) {
                 triangles.extend([[c00, c10, c11], [c00, c11, c01]]);
             } else {
                 triangles.extend([[c00, c10, c01], [c10, c11, c01]]);

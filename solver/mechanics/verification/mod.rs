@@ -3,3 +3,4 @@
 #![allow(dead_code, unreachable_pub, reason = "each of the three uses a part of it")]
 
 pub mod meshes;
+pub mod problems;

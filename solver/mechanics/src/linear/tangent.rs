@@ -59,6 +59,19 @@ impl Tangent {
         block
     }
 
+    /// Mean of the absolute values on the stiffness's diagonal: a scale. Collective.
+    #[must_use]
+    pub fn mean_diagonal(&self, space: Space<'_>) -> f64 {
+        let n = self.stiffness.pattern.n_rows();
+        let mut sums = [0.0, n as f64];
+        for row in 0..n {
+            let d = self.stiffness.diagonal(row);
+            sums[0] += (d[0].abs() + d[4].abs() + d[8].abs()) / 3.0;
+        }
+        space.comm.sum(&mut sums);
+        (sums[0] / sums[1].max(1.0)).max(f64::MIN_POSITIVE)
+    }
+
     /// Makes the rows and columns of fixed components those of the identity, times `scale`.
     ///
     /// - `fixed`: for each node which components are fixed

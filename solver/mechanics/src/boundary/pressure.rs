@@ -1,0 +1,165 @@
+//! Pressure that follows the deformed surface, and the volume behind it.
+
+use crate::element::shape::{triangle, triangle_rule};
+use crate::linear::{NO_SLOT, Pattern, Tangent};
+
+/// A surface that cannot carry a load.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum SurfaceError {
+    /// Triangles have three or six nodes.
+    #[error("a triangle of the surface has {found} nodes, expected 3 (linear) or 6 (quadratic), the same for all")]
+    Nodes {
+        /// Nodes found.
+        found: usize,
+    },
+    /// A triangle is not a face of the body's elements.
+    #[error("triangle {triangle} of the surface joins nodes {a} and {b}, which no element of the body shares")]
+    NotOfBody {
+        /// Triangle.
+        triangle: usize,
+        /// Node.
+        a: u32,
+        /// Node.
+        b: u32,
+    },
+}
+
+/// Value and both derivatives of a node's shape function.
+type NodeShape = (f64, [f64; 2]);
+
+/// Triangles of three or six nodes, seen counter-clockwise from outside the body, with their place in the stiffness.
+#[derive(Debug, Clone)]
+pub struct Faces {
+    /// Nodes a triangle.
+    pub n_nodes: usize,
+    /// Nodes, triangle after triangle.
+    pub nodes: Vec<u32>,
+    /// Slots of the pairs `(a, b)`, triangle after triangle.
+    pub slots: Vec<u32>,
+    /// Weight and, for each node, value and both derivatives of its shape function, point after point.
+    pub points: Vec<(f64, Vec<NodeShape>)>,
+}
+
+impl Faces {
+    /// Prepares `triangles` for a body whose stiffness has `pattern`.
+    ///
+    /// # Errors
+    /// [`SurfaceError`] for a triangle with another number of nodes, or one that is not of the body.
+    pub fn new<const N: usize>(triangles: &[[u32; N]], pattern: &Pattern) -> Result<Self, SurfaceError> {
+        if N != 3 && N != 6 {
+            return Err(SurfaceError::Nodes { found: N });
+        }
+        let mut slots = Vec::with_capacity(triangles.len() * N * N);
+        for (idx, t) in triangles.iter().enumerate() {
+            for &a in t {
+                for &b in t {
+                    let slot = pattern.slot(a, b);
+                    if slot == NO_SLOT && (a as usize) < pattern.n_rows() {
+                        return Err(SurfaceError::NotOfBody { triangle: idx, a, b });
+                    }
+                    slots.push(slot);
+                }
+            }
+        }
+        let points = triangle_rule(if N == 3 { 3 } else { 6 }).iter().map(|(l, w)| (*w, triangle(N, l))).collect();
+        Ok(Self { n_nodes: N, nodes: triangles.as_flattened().to_vec(), slots, points })
+    }
+
+    /// Positions of a triangle's nodes.
+    pub(crate) fn positions(nodes: &[u32], reference: &[f64], displacement: &[f64]) -> Vec<[f64; 3]> {
+        let at = |n: u32, i: usize| {
+            let k = 3 * n as usize + i;
+            reference[k] + displacement.get(k).copied().unwrap_or(0.0)
+        };
+        nodes.iter().map(|&n| std::array::from_fn(|i| at(n, i))).collect()
+    }
+
+    /// Both tangent vectors at a point.
+    pub(crate) fn tangents(shape: &[NodeShape], x: &[[f64; 3]]) -> [[f64; 3]; 2] {
+        std::array::from_fn(|d| std::array::from_fn(|i| shape.iter().zip(x).map(|(s, x)| s.1[d] * x[i]).sum()))
+    }
+}
+
+pub(crate) fn cross(a: &[f64; 3], b: &[f64; 3]) -> [f64; 3] {
+    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+}
+
+/// A surface under pressure.
+#[derive(Debug, Clone)]
+pub struct PressureSurface {
+    faces: Faces,
+}
+
+impl PressureSurface {
+    /// A surface of triangles with three or six nodes, seen counter-clockwise from outside the body.
+    ///
+    /// # Errors
+    /// [`SurfaceError`] for a triangle with another number of nodes, or one that is not of the body.
+    pub fn new<const N: usize>(triangles: &[[u32; N]], pattern: &Pattern) -> Result<Self, SurfaceError> {
+        Ok(Self { faces: Faces::new(triangles, pattern)? })
+    }
+
+    /// Adds `p ∫ Nₐ n da` \[mN\] for `pressure` \[kPa\] on the deformed surface: minus the force of the pressure.
+    pub fn add_forces(&self, pressure: f64, reference: &[f64], displacement: &[f64], force: &mut [f64]) {
+        for nodes in self.faces.nodes.chunks(self.faces.n_nodes) {
+            let x = Faces::positions(nodes, reference, displacement);
+            for (weight, shape) in &self.faces.points {
+                let [e1, e2] = Faces::tangents(shape, &x);
+                let n = cross(&e1, &e2);
+                for (&node, (value, _)) in nodes.iter().zip(shape) {
+                    for i in 0..3 {
+                        if let Some(f) = force.get_mut(3 * node as usize + i) {
+                            *f += 0.5 * weight * pressure * value * n[i];
+                        }
+                    }
+                }
+            }
+        }
+    }
+
+    /// Adds the derivative of [`Self::add_forces`] with respect to displacement \[mN/mm\].
+    pub fn add_tangent(&self, pressure: f64, reference: &[f64], displacement: &[f64], tangent: &mut Tangent) {
+        let n = self.faces.n_nodes;
+        for (nodes, slots) in self.faces.nodes.chunks(n).zip(self.faces.slots.chunks(n * n)) {
+            let x = Faces::positions(nodes, reference, displacement);
+            let mut blocks = vec![[0.0; 9]; n * n];
+            for (weight, shape) in &self.faces.points {
+                let [e1, e2] = Faces::tangents(shape, &x);
+                for (a, (value, _)) in shape.iter().enumerate() {
+                    let k = 0.5 * weight * pressure * value;
+                    for (b, (_, slope)) in shape.iter().enumerate() {
+                        // d(e1 × e2) = Σ_b (N_b,ξ δ_b × e2 − N_b,η δ_b × e1): δ × w as a matrix on δ.
+                        let w: [f64; 3] = std::array::from_fn(|i| k * (slope[0] * e2[i] - slope[1] * e1[i]));
+                        let block = &mut blocks[a * n + b];
+                        let skew = [0.0, w[2], -w[1], -w[2], 0.0, w[0], w[1], -w[0], 0.0];
+                        for (to, from) in block.iter_mut().zip(skew) {
+                            *to += from;
+                        }
+                    }
+                }
+            }
+            for (slot, block) in slots.iter().zip(&blocks) {
+                tangent.add_block(*slot, block);
+            }
+        }
+    }
+
+    /// Volume \[mm³\] between the deformed surface and the point `about`, positive where the surface looks at it: the
+    /// cavity's volume if `about` lies in the plane of a flat opening.
+    #[must_use]
+    pub fn volume(&self, about: [f64; 3], reference: &[f64], displacement: &[f64]) -> f64 {
+        let mut volume = 0.0;
+        for nodes in self.faces.nodes.chunks(self.faces.n_nodes) {
+            let x = Faces::positions(nodes, reference, displacement);
+            for (weight, shape) in &self.faces.points {
+                let [e1, e2] = Faces::tangents(shape, &x);
+                let n = cross(&e1, &e2);
+                for i in 0..3 {
+                    let at: f64 = shape.iter().zip(&x).map(|(s, x)| s.0 * x[i]).sum();
+                    volume -= 0.5 * weight * (at - about[i]) * n[i] / 3.0;
+                }
+            }
+        }
+        volume
+    }
+}

@@ -1,0 +1,307 @@
+//! The static problems of the verification: Land et al. 2015, Proc R Soc A 471:20150641, problems 1 to 3, and a thick
+//! neo-Hookean sphere with a closed form.
+
+use cardiotwin_mechanics::body::{Body, BodyInput};
+use cardiotwin_mechanics::boundary::PressureSurface;
+use cardiotwin_mechanics::element::batch::Frame;
+use cardiotwin_mechanics::element::kernel::{ActivePoint, VolumeChange};
+use cardiotwin_mechanics::element::quadratic::QuadraticMesh;
+use cardiotwin_mechanics::material::{ActiveLaw, Guccione, Law, NeoHookean, Tissue, Volumetric, VolumetricLaw};
+use cardiotwin_mechanics::parallel::{Layout, SingleProcess};
+use cardiotwin_mechanics::statics::{LoadSteps, StaticProblem, StaticReport, load};
+
+use super::meshes::{Mesh, cuboid, disc, extrude, triangle};
+
+pub const P1: Element = Element { quadratic: false, volume: VolumeChange::Pointwise };
+pub const P1_NODAL: Element = p1_nodal(0.05);
+pub const P2: Element = Element { quadratic: true, volume: VolumeChange::Pointwise };
+pub const P2_NODAL: Element = Element { quadratic: true, volume: VolumeChange::Nodal { pointwise_share: 0.0 } };
+
+pub const fn p1_nodal(pointwise_share: f64) -> Element {
+    Element { quadratic: false, volume: VolumeChange::Nodal { pointwise_share } }
+}
+
+/// Bulk modulus of the benchmark's problems \[kPa\].
+pub const KAPPA_KPA: f64 = 1000.0;
+
+/// Degree of the displacement and treatment of the volume.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Element {
+    pub quadratic: bool,
+    pub volume: VolumeChange,
+}
+
+/// A problem on a linear mesh, to be solved with any element.
+pub struct Problem {
+    pub mesh: Mesh,
+    /// Place of the node between two vertices, for curved sides.
+    pub middle: Box<dyn Fn(u32, u32) -> Option<[f64; 3]>>,
+    pub frame: Box<dyn Fn(usize, [f64; 3]) -> Frame>,
+    pub tissue: Tissue,
+    /// Side of the mesh under pressure and the pressure \[kPa\].
+    pub pressure: (usize, f64),
+    /// Fixed components of a node at these coordinates.
+    pub fixed: Box<dyn Fn([f64; 3]) -> [bool; 3]>,
+    pub active_kpa: f64,
+    /// A point in the plane of the cavity's opening.
+    pub about: [f64; 3],
+    pub first_step: f64,
+    /// How many copies of the mesh make the whole body.
+    pub copies: f64,
+}
+
+/// A solved problem.
+pub struct Solution {
+    pub nodes: Vec<[f64; 3]>,
+    pub displacement: Vec<f64>,
+    pub report: StaticReport,
+    pub cavity_mm3: f64,
+    pub n_tets: usize,
+}
+
+impl Solution {
+    /// Deformed position of the node nearest to `at` in the reference configuration.
+    pub fn position(&self, at: [f64; 3]) -> [f64; 3] {
+        let distance = |x: &[f64; 3]| (0..3).map(|i| (x[i] - at[i]).powi(2)).sum::<f64>();
+        let k = (0..self.nodes.len())
+            .fold(0, |m, k| if distance(&self.nodes[k]) < distance(&self.nodes[m]) { k } else { m });
+        std::array::from_fn(|i| self.nodes[k][i] + self.displacement[3 * k + i])
+    }
+
+    pub fn degrees_of_freedom(&self) -> usize {
+        self.displacement.len()
+    }
+}
+
+impl Problem {
+    pub fn solve(&self, element: Element) -> Solution {
+        let steps = LoadSteps { first: self.first_step, ..LoadSteps::default() };
+        self.solve_with(element, &steps).expect("the problem has a solution")
+    }
+
+    pub fn solve_with(&self, element: Element, steps: &LoadSteps) -> Result<Solution, Box<dyn std::error::Error>> {
+        let tissue_of = vec![0; self.mesh.tets.len()];
+        let side = &self.mesh.sides[self.pressure.0];
+        let (nodes, body, surface) = if element.quadratic {
+            let mesh = QuadraticMesh::new(&self.mesh.nodes, &self.mesh.tets, &self.middle);
+            let input = self.input(&mesh.nodes, mesh.n_vertices, &mesh.tets, &tissue_of, element);
+            let body = Body::quadratic(&input, &SingleProcess)?;
+            let faces: Vec<[u32; 6]> = side.iter().map(|t| mesh.triangle(*t).expect("a face of the mesh")).collect();
+            let surface = PressureSurface::new(&faces, body.pattern())?;
+            (mesh.nodes, body, surface)
+        } else {
+            let n = self.mesh.nodes.len();
+            let input = self.input(&self.mesh.nodes, n, &self.mesh.tets, &tissue_of, element);
+            let body = Body::linear(&input, &SingleProcess)?;
+            let surface = PressureSurface::new(side, body.pattern())?;
+            (self.mesh.nodes.clone(), body, surface)
+        };
+        let active = ActivePoint { sa_kpa: [self.active_kpa; 8], slope_kpa: [0.0; 8] };
+        let problem = StaticProblem {
+            body: &body,
+            comm: &SingleProcess,
+            pressures: vec![(surface.clone(), self.pressure.1)],
+            springs: vec![],
+            fixed: nodes.iter().map(|x| (self.fixed)(*x)).collect(),
+            prescribed: vec![],
+            active: if self.active_kpa == 0.0 { vec![] } else { vec![active; body.n_point_batches()] },
+        };
+        let mut displacement = vec![0.0; 3 * nodes.len()];
+        let report = load(&problem, &mut displacement, steps)?;
+        let cavity_mm3 = self.copies * surface.volume(self.about, body.reference(), &displacement);
+        Ok(Solution { nodes, displacement, report, cavity_mm3, n_tets: self.mesh.tets.len() })
+    }
+
+    fn input<'a, const N: usize>(
+        &'a self,
+        nodes: &'a [[f64; 3]],
+        n_vertices: usize,
+        tets: &'a [[u32; N]],
+        tissue_of: &'a [usize],
+        element: Element,
+    ) -> BodyInput<'a, N> {
+        BodyInput {
+            nodes,
+            n_vertices,
+            tets,
+            tissues: vec![self.tissue],
+            tissue_of,
+            frame: &self.frame,
+            volume: element.volume,
+            layout: Layout::whole(nodes.len()),
+        }
+    }
+}
+
+fn tissue(law: Law, kappa_kpa: f64, active: bool) -> Tissue {
+    Tissue {
+        law,
+        volumetric: Volumetric { law: VolumetricLaw::LnSquared, kappa_kpa },
+        active: active.then_some(ActiveLaw::BENCHMARK),
+        density: 1.0,
+    }
+}
+
+const AXES: Frame = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+
+/// Problem 1: a beam of 10 × 1 × 1 mm, fixed at x = 0, 0.004 kPa from below. `n` cells across, `4 n` along, denser at the
+/// clamp.
+pub fn beam(n: usize, kappa_kpa: f64) -> Problem {
+    let mesh = cuboid([4 * n, n, n], |p| [10.0 * p[0].powf(1.3), p[1], p[2]]);
+    let law = Guccione { c_kpa: 2.0, b_f: 8.0, b_t: 2.0, b_fs: 4.0 };
+    Problem {
+        mesh,
+        middle: Box::new(|_, _| None),
+        frame: Box::new(|_, _| AXES),
+        tissue: tissue(Law::Guccione(law), kappa_kpa, false),
+        pressure: (4, 0.004),
+        fixed: Box::new(|x| [x[0] < 1e-9; 3]),
+        active_kpa: 0.0,
+        about: [0.0; 3],
+        first_step: 0.25,
+        copies: 1.0,
+    }
+}
+
+/// Where the problems are probed.
+pub const BEAM_TIP: [f64; 3] = [10.0, 0.5, 1.0];
+pub const APEX_ENDO: [f64; 3] = [0.0, 0.0, -17.0];
+pub const APEX_EPI: [f64; 3] = [0.0, 0.0, -20.0];
+
+/// The ventricle of problems 2 and 3: (parameters in the unit disc, depth) to space. `u` runs from −π at the apex to the
+/// base plane z = 5 at the disc's rim.
+fn ventricle_point(p: [f64; 2], t: f64) -> [f64; 3] {
+    let (rs, rl) = (7.0 + 3.0 * t, 17.0 + 3.0 * t);
+    let r = p[0].hypot(p[1]);
+    let u = -std::f64::consts::PI + r * (std::f64::consts::PI - (5.0 / rl).acos());
+    let (c, s) = if r == 0.0 { (1.0, 0.0) } else { (p[0] / r, p[1] / r) };
+    // sin u is negative: v is turned by π, which keeps the map continuous at the apex.
+    let radius = -rs * u.sin();
+    [radius * c, radius * s, rl * u.cos()]
+}
+
+/// Depth of a point in the wall of the ventricle, by bisection.
+fn ventricle_depth(x: [f64; 3]) -> f64 {
+    let level = |t: f64| {
+        let (rs, rl) = (7.0 + 3.0 * t, 17.0 + 3.0 * t);
+        (x[0].powi(2) + x[1].powi(2)) / (rs * rs) + x[2].powi(2) / (rl * rl) - 1.0
+    };
+    let (mut low, mut high) = (-0.2, 1.2);
+    for _ in 0..60 {
+        let middle = 0.5 * (low + high);
+        if level(middle) > 0.0 { low = middle } else { high = middle }
+    }
+    0.5 * (low + high)
+}
+
+/// The benchmark's frame at a point: f = n(dx/du) sin α + n(dx/dv) cos α, α = 90° − 180° t.
+fn ventricle_frame(x: [f64; 3]) -> Frame {
+    let t = ventricle_depth(x).clamp(0.0, 1.0);
+    let (rs, rl) = (7.0 + 3.0 * t, 17.0 + 3.0 * t);
+    let r = x[0].hypot(x[1]);
+    let (c, s) = if r < 1e-12 { (1.0, 0.0) } else { (x[0] / r, x[1] / r) };
+    // sin u < 0, so that cos v = −c, sin v = −s.
+    let (sin_u, cos_u) = (-(r / rs), x[2] / rl);
+    let du = unit([-rs * cos_u * c, -rs * cos_u * s, -rl * sin_u]);
+    let dv = [-s, c, 0.0];
+    let alpha = std::f64::consts::FRAC_PI_2 * (1.0 - 2.0 * t);
+    let f: [f64; 3] = std::array::from_fn(|i| du[i] * alpha.sin() + dv[i] * alpha.cos());
+    let n = unit(cross(du, dv));
+    let side = cross(n, f);
+    std::array::from_fn(|i| [f[i], side[i], n[i]])
+}
+
+fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
+    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+}
+
+fn unit(a: [f64; 3]) -> [f64; 3] {
+    let n = a.iter().map(|x| x * x).sum::<f64>().sqrt();
+    a.map(|x| x / n)
+}
+
+/// The ventricle of problems 2 and 3: `n` squares from apex to base, `8 n` around the base, `layers` through the wall.
+fn ventricle(
+    n: usize,
+    layers: usize,
+    law: Guccione,
+    pressure: f64,
+    active_kpa: f64,
+    kappa: f64,
+    first: f64,
+) -> Problem {
+    // Without fibres a quarter is enough. The apex is where the error is: it gets smaller elements.
+    let quarter = active_kpa == 0.0;
+    let sheet = disc(n, quarter, 1.3);
+    let mesh = extrude(&sheet, layers, ventricle_point);
+    let n_layer = layers as u32 + 1;
+    let points = sheet.points;
+    let middle = move |a: u32, b: u32| {
+        let (pa, pb) = (points[(a / n_layer) as usize], points[(b / n_layer) as usize]);
+        let depth = |n: u32| f64::from(n % n_layer) / f64::from(n_layer - 1);
+        // Half-way in radius and direction: the middle of two points of the rim stays on the rim.
+        let (ra, rb) = (pa[0].hypot(pa[1]), pb[0].hypot(pb[1]));
+        let m = [pa[0] + pb[0], pa[1] + pb[1]];
+        let scale = 0.5 * (ra + rb) / m[0].hypot(m[1]).max(1e-300);
+        Some(ventricle_point([m[0] * scale, m[1] * scale], 0.5 * (depth(a) + depth(b))))
+    };
+    Problem {
+        mesh,
+        middle: Box::new(middle),
+        frame: Box::new(|_, x| ventricle_frame(x)),
+        tissue: tissue(Law::Guccione(law), kappa, active_kpa > 0.0),
+        pressure: (0, pressure),
+        fixed: Box::new(move |x| {
+            let base = x[2] > 5.0 - 1e-9;
+            [base || (quarter && x[0].abs() < 1e-9), base || (quarter && x[1].abs() < 1e-9), base]
+        }),
+        active_kpa,
+        about: [0.0, 0.0, 5.0],
+        first_step: first,
+        copies: if quarter { 4.0 } else { 1.0 },
+    }
+}
+
+/// Problem 2.
+pub fn inflation(n: usize, layers: usize, kappa_kpa: f64) -> Problem {
+    let law = Guccione { c_kpa: 10.0, b_f: 1.0, b_t: 1.0, b_fs: 1.0 };
+    ventricle(n, layers, law, 10.0, 0.0, kappa_kpa, 0.1)
+}
+
+/// Problem 3.
+pub fn contraction(n: usize, layers: usize, kappa_kpa: f64) -> Problem {
+    let law = Guccione { c_kpa: 2.0, b_f: 8.0, b_t: 2.0, b_fs: 4.0 };
+    ventricle(n, layers, law, 15.0, 60.0, kappa_kpa, 0.05)
+}
+
+/// Inner and outer radius of the sphere \[mm\].
+pub const SPHERE: [f64; 2] = [10.0, 12.0];
+
+/// An octant of a thick neo-Hookean sphere, µ = 1 kPa, under `pressure` from inside.
+pub fn sphere(n: usize, layers: usize, pressure: f64, kappa_kpa: f64) -> Problem {
+    fn place(b: [f64; 2], t: f64) -> [f64; 3] {
+        let d = unit([b[0], b[1], 1.0 - b[0] - b[1]]);
+        d.map(|x| if x.abs() < 1e-14 { 0.0 } else { x * (SPHERE[0] + t * (SPHERE[1] - SPHERE[0])) })
+    }
+    let sheet = triangle(n);
+    let mesh = extrude(&sheet, layers, place);
+    let n_layer = layers as u32 + 1;
+    let points = sheet.points;
+    let middle = move |a: u32, b: u32| {
+        let (pa, pb) = (points[(a / n_layer) as usize], points[(b / n_layer) as usize]);
+        let depth = |n: u32| f64::from(n % n_layer) / f64::from(n_layer - 1);
+        Some(place([0.5 * (pa[0] + pb[0]), 0.5 * (pa[1] + pb[1])], 0.5 * (depth(a) + depth(b))))
+    };
+    Problem {
+        mesh,
+        middle: Box::new(middle),
+        frame: Box::new(|_, _| AXES),
+        tissue: tissue(Law::NeoHookean(NeoHookean { mu_kpa: 1.0 }), kappa_kpa, false),
+        pressure: (0, pressure),
+        fixed: Box::new(|x| x.map(|x| x.abs() < 1e-12)),
+        active_kpa: 0.0,
+        about: [0.0; 3],
+        first_step: 0.25,
+        copies: 8.0,
+    }
+}
