@@ -91,8 +91,12 @@ fn off_is_the_base_model_and_a_trace_of_an_effect_is_near_it() {
     for effect in CATALOGUE {
         let on = distance(&beat(&[EffectSetting::typical(effect)]).1, &base.1);
         let mut slight = effect.typical();
-        let off = effect.strength().off.unwrap();
-        slight[0] = off + 1e-3 * (slight[0] - off);
+        // Near every off-value that there is: a catheter has two, its lag and its filter.
+        for (value, parameter) in slight.iter_mut().zip(effect.parameters) {
+            if let Some(off) = parameter.off {
+                *value = off + 1e-3 * (*value - off);
+            }
+        }
         let near = distance(&beat(&[setting(effect, slight)]).1, &base.1);
         assert!(on > 0.5, "{} moves nothing: {on}", effect.name);
         assert!(near < 0.01 * on + 0.02, "{} jumps at its off-value: {near} of {on}", effect.name);
