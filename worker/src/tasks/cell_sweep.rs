@@ -13,12 +13,12 @@ use cardiotwin_cell_engine::{
     CellEngine, CellInput, CellOutput, CellStatus, EngineSettings, NegativeKwu, SimdPath, Workspace,
 };
 use cardiotwin_schemas::outcome::{CellSweepResult, TaskResult};
-use cardiotwin_schemas::settings::InstructionSet;
 use cardiotwin_schemas::sweep::SAMPLES_HEADING;
 use cardiotwin_schemas::task::CellSweepSpec;
 
 use crate::cell_parameters::{NamedCell, position};
 use crate::context::Context;
+use crate::engine::settings_for;
 use crate::error::TaskError;
 
 /// Blocks after which is looked whether to stop, for each thread: some milliseconds of work.
@@ -36,11 +36,10 @@ pub fn run(spec: &CellSweepSpec, context: &mut Context) -> Result<TaskResult, Ta
     let design = design(spec, blocks.end)?;
     let cell = Cell::of(spec)?;
     let engine = CellEngine::new(EngineSettings {
-        path: path(context.instruction_set),
         tolerance: spec.design.tolerance,
         // As the published analysis: the box reaches into it, and the equations hold there.
         negative_kwu: NegativeKwu::Keep,
-        ..EngineSettings::default()
+        ..settings_for(context.instruction_set)
     })?;
     let threads =
         (context.threads > 1).then(|| rayon::ThreadPoolBuilder::new().num_threads(context.threads as usize).build());
@@ -100,15 +99,6 @@ impl Cell {
             input.parameters[*at] = *value;
         }
         input
-    }
-}
-
-fn path(instructions: InstructionSet) -> Option<SimdPath> {
-    match instructions {
-        InstructionSet::Auto => None,
-        InstructionSet::Portable => Some(SimdPath::Portable),
-        InstructionSet::Avx2 => Some(SimdPath::Avx2),
-        InstructionSet::Avx512 => Some(SimdPath::Avx512),
     }
 }
 
