@@ -4,7 +4,7 @@ use crate::bootstrap::{Tangent, null_maxima, p_value, quantile, tangents};
 use crate::confusion::{SEPARABLE, confusables, rivals};
 use crate::fit::Fit;
 use crate::forward::Forward;
-use crate::held_out::{gap, held_out_gap};
+use crate::held_out::{gap, held_out};
 use crate::least_squares::Settings as FitSettings;
 use crate::locate::locate;
 use crate::measured::{Measured, MeasuredError};
@@ -12,6 +12,7 @@ use crate::noise::Tolerance;
 use crate::problem::{Data, Problem};
 use crate::result::{Discovery, NotIdentifiable, RankedEffect, Unexplained};
 use crate::search::{add_bumps, add_term, fit_base, refit, scan};
+use crate::series::Series;
 use crate::unexplained::depends_on;
 use std::collections::BTreeMap;
 
@@ -233,9 +234,8 @@ pub fn discover(measured: &Measured, forward: &dyn Forward, settings: &Settings)
     let (before, after) =
         (beat_of(&base).ok_or(DiscoverError::NoBaseFit)?, beat_of(&current).ok_or(DiscoverError::NoBaseFit)?);
     let accepted = ordered(&search, &current);
-    let held_before = held_out_gap(&problem, &base, &settings.fit).unwrap_or(f64::NAN);
-    let held_after =
-        if named == 0 { held_before } else { held_out_gap(&problem, &current, &settings.fit).unwrap_or(f64::NAN) };
+    let held_before = held_out(&problem, &base, &settings.fit);
+    let held_after = if named == 0 { held_before.clone() } else { held_out(&problem, &current, &settings.fit) };
 
     let n_evaluations = base.n_evaluations
         + levels.iter().flat_map(|l| l.fits.iter().flatten()).map(|f| f.n_evaluations).sum::<usize>();
@@ -277,8 +277,8 @@ pub fn discover(measured: &Measured, forward: &dyn Forward, settings: &Settings)
         unexplained,
         gap_before: gap(&problem, &before),
         gap_after: gap(&problem, &after),
-        gap_heldout_before: held_before,
-        gap_heldout_after: held_after,
+        gap_heldout_before: held_before.as_ref().map_or(f64::NAN, |h| h.gap),
+        gap_heldout_after: held_after.as_ref().map_or(f64::NAN, |h| h.gap),
         p_value: p_value(&levels[0].maxima, best_gain),
         threshold,
         nameless_evidence: nameless,
@@ -288,6 +288,7 @@ pub fn discover(measured: &Measured, forward: &dyn Forward, settings: &Settings)
         located_after: locate(&problem, &after),
         noise_seen_over_stated: data.levels.seen_over_stated,
         n_evaluations,
+        series: Series::of(&data, &before, &after, held_before.as_ref(), held_after.as_ref()),
     })
 }
 

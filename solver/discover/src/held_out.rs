@@ -43,27 +43,48 @@ pub fn block_ms(data: &Data) -> f64 {
     SHORTEST_BLOCK_MS.max(3.0 * data.levels.pressure_correlation_ms)
 }
 
-/// Rms standardised residual of the traces in blocks that were held out: every fourth block is predicted from the rest, in
-/// turn. None when a refit fails.
+/// What is predicted for data that were held out: every fourth block from the rest, in turn.
+#[derive(Debug, Clone, PartialEq)]
+pub struct HeldOut {
+    /// Rms standardised residual of the traces.
+    pub gap: f64,
+    /// Predicted pressure at each of the data's bins \[mmHg\].
+    pub pressure_mmhg: Vec<f64>,
+    /// Predicted volume at each frame \[mL\].
+    pub volume_ml: Vec<f64>,
+}
+
+/// Predictions for data held out. None when a refit fails.
 #[must_use]
-pub fn held_out_gap(problem: &Problem<'_>, fit: &Fit, settings: &Settings) -> Option<f64> {
+pub fn held_out(problem: &Problem<'_>, fit: &Fit, settings: &Settings) -> Option<HeldOut> {
     let length = block_ms(problem.data);
-    let folds: Vec<Option<(f64, f64)>> = (0..FOLDS)
+    let fold_of = |time_ms: f64| (time_ms / length) as usize % FOLDS;
+    let folds: Vec<Option<Prediction>> = (0..FOLDS)
         .into_par_iter()
         .map(|fold| {
-            let of_fold = |time_ms: f64| (time_ms / length) as usize % FOLDS == fold;
-            let (fitted, held) = (problem.data.part(&|t| !of_fold(t)), problem.data.part(&of_fold));
+            let fitted = problem.data.part(&|t| fold_of(t) != fold);
             let inner = Problem { forward: problem.forward, data: &fitted };
             let refit = inner.fit(&fit.structure, &fit.z, Some(fit), settings)?;
-            let beat = inner.predict(&refit.structure, &refit.values(), Some(&refit.minimum.warm))?;
-            Some(squares(&held, &beat))
+            inner.predict(&refit.structure, &refit.values(), Some(&refit.minimum.warm))
         })
         .collect();
+    let folds: Vec<Prediction> = folds.into_iter().collect::<Option<_>>()?;
     let (mut sum, mut n) = (0.0, 0.0);
-    for fold in folds {
-        let (s, m) = fold?;
+    for (fold, beat) in folds.iter().enumerate() {
+        let (s, m) = squares(&problem.data.part(&|t| fold_of(t) == fold), beat);
         sum += s;
         n += m;
     }
-    Some((sum / n).sqrt())
+    let predicted = |signal: &Signal, trace: fn(&Prediction) -> &[f64]| {
+        let at = |t: &f64| {
+            let beat = &folds[fold_of(*t)];
+            beat.at(trace(beat), *t)
+        };
+        signal.time_ms.iter().map(at).collect()
+    };
+    Some(HeldOut {
+        gap: (sum / n).sqrt(),
+        pressure_mmhg: predicted(&problem.data.pressure, |p| &p.pressure_mmhg),
+        volume_ml: predicted(&problem.data.volume, |p| &p.volume_ml),
+    })
 }

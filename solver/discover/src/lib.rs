@@ -18,6 +18,7 @@ pub mod problem;
 pub mod reduced;
 pub mod result;
 pub mod search;
+pub mod series;
 pub mod unexplained;
 
 pub use decide::{DiscoverError, Settings, discover};

@@ -1,6 +1,7 @@
 //! What the search finds, as it is written.
 
 use crate::locate::Place;
+use crate::series::Series;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
@@ -116,4 +117,6 @@ pub struct Discovery {
     pub noise_seen_over_stated: Option<f64>,
     /// Simulated beats' parameter sets.
     pub n_evaluations: usize,
+    /// What can be drawn and tabulated.
+    pub series: Series,
 }
