@@ -1,6 +1,7 @@
 //! The coordinator: cohorts in, personalised twins out.
 pub mod cli;
 pub mod clock;
+pub mod discovery;
 pub mod dispatch;
 pub mod engine;
 pub mod export;

@@ -18,6 +18,8 @@ pub fn all() -> Vec<(&'static str, Schema)> {
         ("sensitivity.schema.json", schema_for!(crate::sensitivity::SensitivityRecord)),
         ("fit-calcium.schema.json", schema_for!(crate::fit::CalciumFitAnswer)),
         ("run.schema.json", schema_for!(crate::record::RunRecord)),
+        ("discover-case.schema.json", schema_for!(crate::discover::DiscoverCase)),
+        ("discover-cohort.schema.json", schema_for!(crate::discover::DiscoverCases)),
         ("robustness.schema.json", schema_for!(crate::robustness::RobustnessResult)),
     ]
 }

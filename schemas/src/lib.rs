@@ -5,6 +5,7 @@
 
 pub mod biomarkers;
 pub mod cohort;
+pub mod discover;
 pub mod failure;
 pub mod fit;
 pub mod hash;

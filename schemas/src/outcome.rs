@@ -6,6 +6,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::biomarkers::{Biomarkers, CellBiomarkers, TimePoints};
+use crate::discover::Discovered;
 use crate::failure::Failure;
 use crate::ids::AttemptId;
 use crate::organ::{CirculationSpec, OrganSpec};
@@ -80,6 +81,8 @@ pub enum TaskResult {
     CellFit(CellFitResult),
     /// A chunk of a sensitivity sweep.
     CellSweep(CellSweepResult),
+    /// What the reduced ventricle lacks in a patient's traces.
+    Discover(Box<Discovered>),
     /// Nothing.
     Noop,
 }

@@ -7,6 +7,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::biomarkers::{Biomarkers, CellBiomarkers};
+use crate::discover::DiscoverSpec;
 use crate::hash::{canonical_json, sha256_hex};
 use crate::ids::{AttemptId, TaskKey};
 use crate::organ::{BeatCount, CirculationSpec, ContractionSpec, OrganSpec, ValveParameters, WindkesselParameters};
@@ -39,6 +40,8 @@ pub enum TaskSpec {
     CellFit(Box<CellFitSpec>),
     /// A chunk of a sensitivity sweep: complete Saltelli blocks of 0D cells.
     CellSweep(Box<CellSweepSpec>),
+    /// What the reduced ventricle lacks in a patient's traces.
+    Discover(Box<DiscoverSpec>),
     /// Nothing: measures orchestration.
     Noop(NoopSpec),
 }
@@ -53,6 +56,7 @@ impl TaskSpec {
             Self::Targets(_) => "targets",
             Self::CellFit(_) => "cell-fit",
             Self::CellSweep(_) => "cell-sweep",
+            Self::Discover(_) => "discover",
             Self::Noop(_) => "noop",
         }
     }
@@ -62,7 +66,12 @@ impl TaskSpec {
     pub fn model_version(&self) -> u32 {
         match self {
             Self::CellFit(_) => 2,
-            Self::PassiveState(_) | Self::OrganBeat(_) | Self::Targets(_) | Self::CellSweep(_) | Self::Noop(_) => 1,
+            Self::PassiveState(_)
+            | Self::OrganBeat(_)
+            | Self::Targets(_)
+            | Self::CellSweep(_)
+            | Self::Discover(_)
+            | Self::Noop(_) => 1,
         }
     }
 

@@ -39,7 +39,7 @@ pub const CRATES: &[Rule] = &[
     },
     Rule {
         who: "worker",
-        may: &["schemas", "units", "signals", "models", "cell-engine", "calibrate"],
+        may: &["schemas", "units", "signals", "models", "cell-engine", "calibrate", "discover"],
         why: "one conversion from a task's spec to solver types per kind; nobody imports worker",
     },
     Rule {
@@ -82,6 +82,11 @@ pub const ROOMS: &[Rule] = &[
         why: "a sweep's specification to members, outcomes to statistics; running them is the engine's",
     },
     Rule {
+        who: "discovery",
+        may: &["schemas", "results"],
+        why: "findings to cases, pooled evidence, words and the patient's model; running searches is the engine's",
+    },
+    Rule {
         who: "engine",
         may: &["schemas", "machine", "store", "dispatch", "calibrate", "clock"],
         why: "observe, decide, commit, act: the only room that sees both decisions and world",
@@ -91,6 +96,7 @@ pub const ROOMS: &[Rule] = &[
         may: &[
             "engine",
             "sweep",
+            "discovery",
             "report",
             "export",
             "results",

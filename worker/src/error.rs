@@ -7,6 +7,7 @@ use cardiotwin_calibrate::identifiability::IdentifiabilityError;
 use cardiotwin_calibrate::population::PopulationError;
 use cardiotwin_calibrate::sobol::SobolError;
 use cardiotwin_cell_engine::{EngineError, InputProblem};
+use cardiotwin_discover::DiscoverError;
 use cardiotwin_schemas::biomarkers::STEP1_BIOMARKERS;
 use cardiotwin_schemas::failure::{Failure, FailureClass};
 use cardiotwin_schemas::organ::CELL_PARAMETERS;
@@ -174,6 +175,12 @@ pub enum TaskError {
         /// The name given.
         name: String,
     },
+    /// The search refused its data or settings, or has no base fit.
+    #[error("search for missing effects")]
+    Discover(#[from] DiscoverError),
+    /// The search came to no answer, or to one that its own model does not repeat.
+    #[error("the search for missing effects ended without an answer")]
+    SearchEnded,
     /// An artefact cannot be written.
     #[error("cannot write {file}")]
     Write {
@@ -227,7 +234,9 @@ impl TaskError {
             Self::NoMedian { .. } | Self::SimulatedTrace(_) | Self::NoCell | Self::NoBeat { .. } => {
                 FailureClass::Numerics
             }
-            Self::Nodal { .. } | Self::Identifiability(_) => FailureClass::Bug,
+            Self::Discover(DiscoverError::NoBaseFit) => FailureClass::Numerics,
+            Self::Discover(_) => FailureClass::Input,
+            Self::Nodal { .. } | Self::Identifiability(_) | Self::SearchEnded => FailureClass::Bug,
             Self::Write { .. } | Self::Checkpoint(_) | Self::Threads(_) | Self::Cancelled => FailureClass::Site,
         }
     }
@@ -261,7 +270,9 @@ impl TaskError {
             Self::Engine(_) => Some("set executor.instruction_set to \"auto\", or correct the sweep's settings"),
             Self::Design(_) => Some("sweep again with bounds and settings that make sense"),
             Self::CalciumSamples(_) => Some("correct measured.calcium"),
-            Self::NoBeat { .. } | Self::Identifiability(_) => None,
+            Self::Discover(DiscoverError::UnknownEffect { .. }) => Some("correct --effects"),
+            Self::Discover(_) => Some("`cardiotwin check` tells what is wrong with a cohort's data"),
+            Self::NoBeat { .. } | Self::Identifiability(_) | Self::SearchEnded => None,
             Self::Threads(_) => Some("lower executor.threads, or raise the limit of processes"),
             Self::Nodal { .. } | Self::UnknownParameter { .. } | Self::Target { .. } => None,
             Self::Write { .. } | Self::Checkpoint(_) => Some("free space or restore write access, then retry"),

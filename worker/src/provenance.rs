@@ -46,6 +46,7 @@ impl Beginning {
             inputs: inputs(task).into_iter().map(|file| (file.name.clone(), file.sha256.clone())).collect(),
             seed: match task {
                 TaskSpec::CellFit(spec) => Some(spec.seed),
+                TaskSpec::Discover(spec) => Some(spec.seed),
                 TaskSpec::CellSweep(spec) => spec.design.scramble_seed,
                 _ => None,
             },
@@ -75,6 +76,7 @@ pub fn inputs(task: &TaskSpec) -> Vec<&InputFile> {
             ContractionSpec::Land2017Trace { calcium, .. } => vec![calcium],
             ContractionSpec::Tanh { .. } | ContractionSpec::Land2017Rice { .. } => Vec::new(),
         },
+        TaskSpec::Discover(spec) => vec![&spec.pressure, &spec.volume],
         TaskSpec::CellSweep(_) | TaskSpec::Noop(_) => Vec::new(),
     }
 }

@@ -24,8 +24,8 @@ pub use error::CliError;
 pub use exit::Exit;
 
 use commands::{
-    bench, cancel, check, compare, completions, config, explain, export, fit, init, logs, man, report, rerun, retry,
-    run, schemas, show, simulate, status, sweep,
+    bench, cancel, check, compare, completions, config, discover, explain, export, fit, init, logs, man, report, rerun,
+    retry, run, schemas, show, simulate, status, sweep,
 };
 use logging::LogFormat;
 use talk::{ColourChoice, Talk};
@@ -74,6 +74,7 @@ enum Command {
     Compare(compare::CompareArgs),
     Report(report::ReportArgs),
     Export(export::ExportArgs),
+    Discover(discover::DiscoverArgs),
     Fit(fit::FitArgs),
     Sweep(Box<sweep::SweepArgs>),
     Bench(bench::BenchArgs),
@@ -128,6 +129,7 @@ async fn execute(command: &Command, talk: &Talk) -> Result<Exit, CliError> {
         Command::Compare(args) => compare::execute(args, talk).await,
         Command::Report(args) => report::execute(args, talk).await,
         Command::Export(args) => export::execute(args, talk).await,
+        Command::Discover(args) => discover::execute(args, talk).await,
         Command::Fit(args) => fit::execute(args, talk),
         Command::Sweep(args) => sweep::execute(args, talk).await,
         Command::Bench(args) => bench::execute(args, talk).await,

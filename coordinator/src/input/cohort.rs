@@ -53,6 +53,10 @@ pub struct Patient {
     pub settings: Merged,
     /// Its file, and the line of each of its keys.
     pub lines: (PathBuf, BTreeMap<String, usize>),
+    /// Its file as it was read, and the folder where it lies.
+    pub file: PatientFile,
+    /// See [`Patient::file`].
+    pub folder: PathBuf,
     /// The plan, where nothing is wrong with the patient.
     pub resolved: Option<ResolvedPatient>,
 }
@@ -111,6 +115,31 @@ pub fn load(directory: &Path, options: &Options, report: &mut Report) -> Option<
     })
 }
 
+/// Reads and checks a patient's folder that may lie outside of any cohort; its id is what its file says. Every problem goes
+/// to `report`. None where `patient.toml` cannot be read.
+pub fn load_alone(folder: &Path, report: &mut Report) -> Option<Patient> {
+    let own_id = || {
+        let text = std::fs::read_to_string(folder.join("patient.toml")).ok()?;
+        Some(toml::from_str::<toml::Table>(&text).ok()?.get("id")?.as_str()?.to_owned())
+    };
+    let id = own_id().unwrap_or_else(|| folder.file_name().unwrap_or_default().to_string_lossy().into_owned());
+    let file = CohortFile {
+        name: id.clone(),
+        description: String::new(),
+        patients: String::new(),
+        defaults: Default::default(),
+        solver: None,
+        step1: None,
+        step2: None,
+        verification: None,
+        executor: None,
+    };
+    let nothing = Layer::default();
+    let defaults = Layer::defaults();
+    let layers = Layers { defaults: &defaults, cohort: &nothing, overrides: None, command_line: &nothing };
+    load_patient(&id, folder, &file, layers, report).map(|(patient, _)| patient)
+}
+
 struct Layers<'a> {
     defaults: &'a Layer,
     cohort: &'a Layer,
@@ -143,7 +172,8 @@ fn load_patient(
         resolve::resolve(&file, folder, &cohort.defaults, &settings.settings, &effects, report)
     };
     let lines = (document.file.clone(), lines(&document.root, ""));
-    Some((Patient { id: id.to_owned(), settings, lines, resolved }, file.id))
+    let named = file.id.clone();
+    Some((Patient { id: id.to_owned(), settings, lines, file, folder: folder.to_owned(), resolved }, named))
 }
 
 fn read_as<T: DeserializeOwned + schemars::JsonSchema>(

@@ -12,12 +12,14 @@ mod patient;
 mod ranges;
 mod report;
 mod resolve;
+mod search;
 mod shape;
 #[cfg(test)]
 mod tests;
 
-pub use cohort::{Cohort, Options, Patient, check_on_top, load};
+pub use cohort::{Cohort, Options, Patient, check_on_top, load, load_alone};
 pub use document::{Node, Tree, value_from_text};
 pub use layers::{Layer, Merged, Origin};
 pub use nearest::nearest;
 pub use report::{Finding, Report};
+pub use search::specification;

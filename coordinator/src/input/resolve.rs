@@ -69,7 +69,8 @@ pub fn left_atrial_pressure(file: &PatientFile, defaults: &PatientDefaults) -> O
     file.preload.as_ref().map(|preload| preload.left_atrial_pressure_mmhg).or(defaults.left_atrial_pressure_mmhg)
 }
 
-fn hash(name: &str, path: &Path, patient: &str, report: &mut Report) -> Option<InputFile> {
+/// A file by its content; one that cannot be read is a problem in `report`.
+pub(super) fn hash(name: &str, path: &Path, patient: &str, report: &mut Report) -> Option<InputFile> {
     let read = || -> std::io::Result<(PathBuf, Vec<u8>)> { Ok((path.canonicalize()?, std::fs::read(path)?)) };
     match read() {
         Ok((absolute, bytes)) => Some(InputFile { name: name.to_owned(), path: absolute, sha256: sha256_hex(&bytes) }),

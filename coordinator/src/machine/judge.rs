@@ -4,6 +4,7 @@
 //! it carries. Whatever else ended well is a failure all the same, of class numerics.
 
 use cardiotwin_schemas::biomarkers::{Biomarkers, CellBiomarkers};
+use cardiotwin_schemas::discover::Discovered;
 use cardiotwin_schemas::failure::{Failure, FailureClass};
 use cardiotwin_schemas::ids::AttemptId;
 use cardiotwin_schemas::outcome::{
@@ -44,6 +45,7 @@ fn science(kind: &str, result: &TaskResult) -> Result<(), Failure> {
         ("targets", TaskResult::Targets(r)) => targets(r),
         ("cell-fit", TaskResult::CellFit(r)) => cell_fit(r),
         ("cell-sweep", TaskResult::CellSweep(r)) => cell_sweep(r),
+        ("discover", TaskResult::Discover(r)) => discover(r),
         ("noop", TaskResult::Noop) => Ok(()),
         (kind, other) => {
             let found = match other {
@@ -52,6 +54,7 @@ fn science(kind: &str, result: &TaskResult) -> Result<(), Failure> {
                 TaskResult::Targets(_) => "targets",
                 TaskResult::CellFit(_) => "cell-fit",
                 TaskResult::CellSweep(_) => "cell-sweep",
+                TaskResult::Discover(_) => "discover",
                 TaskResult::Noop => "noop",
             };
             Err(Failure::new(FailureClass::Bug, format!("a task of kind {kind} was answered by a result of {found}")))
@@ -94,6 +97,16 @@ fn targets(r: &TargetsResult) -> Result<(), Failure> {
     cell_biomarkers(&r.targets)?;
     if r.n_nodes == 0 {
         return Err(numerics("no node entered the medians".into()));
+    }
+    Ok(())
+}
+
+fn discover(r: &Discovered) -> Result<(), Failure> {
+    finite("gap before", r.gap_before)?;
+    finite("gap after", r.gap_after)?;
+    let named = |name: &String| r.effects.iter().any(|effect| effect.name == *name);
+    if r.none != r.accepted.is_empty() || !r.accepted.iter().all(named) {
+        return Err(Failure::new(FailureClass::Bug, "the accepted effects contradict the ranking"));
     }
     Ok(())
 }

@@ -2,6 +2,7 @@
 
 pub mod cell_fit;
 pub mod cell_sweep;
+pub mod discover;
 pub mod noop;
 pub mod organ_beat;
 pub mod passive_state;
@@ -17,6 +18,7 @@ use crate::error::TaskError;
 pub fn run_task(task: &TaskSpec, context: &mut Context) -> Ending {
     let ending: Result<Ending, TaskError> = match task {
         TaskSpec::CellSweep(spec) => cell_sweep::run(spec, context).map(succeeded),
+        TaskSpec::Discover(spec) => discover::run(spec, context).map(succeeded),
         TaskSpec::Noop(spec) => noop::run(spec, context).map(succeeded),
         TaskSpec::PassiveState(spec) => passive_state::run(spec, context).map(succeeded),
         TaskSpec::OrganBeat(spec) => organ_beat::run(spec, context),

@@ -6,6 +6,7 @@ pub mod check;
 pub mod compare;
 pub mod completions;
 pub mod config;
+pub mod discover;
 pub mod explain;
 pub mod export;
 pub mod fit;

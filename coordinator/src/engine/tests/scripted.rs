@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex};
 
 use cardiotwin_schemas::SCHEMA_VERSION;
 use cardiotwin_schemas::biomarkers::{Biomarkers, CellBiomarkers};
-use cardiotwin_schemas::failure::FailureClass;
+use cardiotwin_schemas::failure::{Failure, FailureClass};
 use cardiotwin_schemas::ids::{AttemptId, ExternalId};
 use cardiotwin_schemas::organ::{
     ActivationSpec, CirculationSpec, ContractionSpec, OneFibrePassive, OrganSpec, Step1Parameters, WindkesselParameters,
@@ -166,6 +166,9 @@ impl Script {
                     n_refused: 0,
                     arithmetic: "scripted".into(),
                 })
+            }
+            TaskSpec::Discover(_) => {
+                return Ending::Failed { failure: Failure::new(FailureClass::Input, "no search is scripted") };
             }
             TaskSpec::Noop(_) => TaskResult::Noop,
         };

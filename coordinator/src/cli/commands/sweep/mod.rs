@@ -11,6 +11,8 @@ mod screen;
 mod show;
 mod status;
 
+pub use drive::drive;
+
 use clap::{Args, Subcommand};
 
 use crate::cli::error::CliError;

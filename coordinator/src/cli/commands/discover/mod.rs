@@ -1,0 +1,100 @@
+//! `cardiotwin discover`: finds what the model lacks in a patient's traces, for a patient or a cohort.
+
+mod search;
+mod source;
+mod text;
+
+use std::path::PathBuf;
+use std::time::Instant;
+
+use cardiotwin_schemas::discover::DiscoverCases;
+use clap::Args;
+
+use crate::cli::error::CliError;
+use crate::cli::exit::Exit;
+use crate::cli::table::duration;
+use crate::cli::talk::{Talk, count};
+use crate::discovery;
+use source::Source;
+
+/// Find what the model lacks in measured traces, name it, and show the gap shrink
+///
+/// Fits the reduced ventricle to pressure and volume, says where they disagree, tries every effect of the catalogue, and
+/// names one only where the data prefer it by more than chance. docs/missing-effects.md explains method and limits.
+#[derive(Debug, Args)]
+#[command(after_help = "The same command goes on where an earlier one stopped. Ctrl-C as in `run`.")]
+pub struct DiscoverArgs {
+    /// Folder of a patient (with patient.toml) or of a cohort (with cohort.toml)
+    #[arg(value_name = "PATIENT_DIR|COHORT", default_value = ".")]
+    folder: PathBuf,
+    /// All patients of the cohort: what a cohort's search does anyway
+    #[arg(long)]
+    all: bool,
+    /// Of the cohort, search these patients only (may be given several times)
+    #[arg(long = "patient", value_name = "PATIENT", conflicts_with = "all")]
+    patients: Vec<String>,
+    /// Candidates to try, by name [default: the whole catalogue]
+    #[arg(long, value_name = "NAME,NAME", value_delimiter = ',')]
+    effects: Vec<String>,
+    /// Seed of the bootstrap
+    #[arg(long, value_name = "SEED", default_value_t = 1)]
+    seed: u64,
+    /// Cores to use; 0 is all
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    jobs: u32,
+    /// Write what was found as JSON, to stdout where no file is named
+    #[arg(long, value_name = "FILE", num_args = 0..=1, default_missing_value = "-")]
+    json: Option<PathBuf>,
+    /// Folder of the searches [default: discover in the folder that is searched]
+    #[arg(long, value_name = "DIR")]
+    run_dir: Option<PathBuf>,
+    /// The worker's executable [default: cardiotwin-worker beside this program]
+    #[arg(long, value_name = "PATH")]
+    worker: Option<PathBuf>,
+}
+
+/// Searches and tells.
+///
+/// # Errors
+/// [`CliError::Input`] when anything is wrong with the input; the engine's; a file that cannot be written.
+pub async fn execute(args: &DiscoverArgs, talk: &Talk) -> Result<Exit, CliError> {
+    let began = Instant::now();
+    let source = Source::read(args, talk)?;
+    let ended = search::run(args, &source, talk).await?;
+    let cases = &ended.cases;
+    discovery::write(&discovery::cases_file(&ended.run_dir), &discovery::cases_text(cases))
+        .map_err(CliError::file("write", discovery::cases_file(&ended.run_dir)))?;
+    let on_stdout = args.json.as_ref().is_some_and(|file| file.as_os_str() == "-");
+    if let Some(file) = &args.json {
+        let text = json(&source, cases);
+        if on_stdout {
+            talk.data(&text)?;
+        } else {
+            discovery::write(file, &text).map_err(CliError::file("write", file))?;
+        }
+    }
+    if !on_stdout {
+        cases.values().try_for_each(|case| talk.data(&text::case(case, source.is_cohort(), talk)))?;
+        if source.is_cohort() {
+            talk.data(&text::cohort(cases, talk))?;
+        }
+    }
+    for (patient, failure) in &ended.failures {
+        talk.say(&format!("{patient} failed: {failure}"));
+    }
+    let wall = duration(began.elapsed().as_secs_f64());
+    talk.say(&format!("{} searched in {wall}", count(cases.len(), "patient")));
+    if ended.stopped {
+        talk.say("stopped; nothing finished is lost, and the same command goes on");
+        return Ok(Exit::Interrupted);
+    }
+    Ok(if ended.failures.is_empty() { Exit::Ok } else { Exit::Problems })
+}
+
+/// One object for a patient; for a cohort, objects by name.
+fn json(source: &Source, cases: &DiscoverCases) -> String {
+    match cases.values().next().filter(|_| !source.is_cohort()) {
+        Some(case) => discovery::case_text(case),
+        None => discovery::cases_text(cases),
+    }
+}

@@ -1,0 +1,123 @@
+//! What is searched: a patient's folder, in a cohort or alone, or a cohort.
+
+use std::path::{Path, PathBuf};
+
+use cardiotwin_schemas::discover::DiscoverSpec;
+use cardiotwin_schemas::ids::TaskKey;
+use cardiotwin_schemas::task::TaskSpec;
+
+use super::DiscoverArgs;
+use crate::cli::error::CliError;
+use crate::cli::problems;
+use crate::cli::talk::{Talk, count};
+use crate::discovery::FOLDER;
+use crate::input::{self, Options, Patient, Report};
+
+/// Patients with their searches.
+pub struct Source {
+    /// Name of cohort or patient.
+    pub name: String,
+    /// Folder that was named.
+    pub folder: PathBuf,
+    /// The cohort that holds the patient, where it is in one.
+    pub cohort: Option<PathBuf>,
+    /// Patients to search, in the cohort's order.
+    pub patients: Vec<Searched>,
+    one: bool,
+}
+
+/// A patient with the search.
+pub struct Searched {
+    /// As read.
+    pub patient: Patient,
+    /// What the search takes.
+    pub task: TaskSpec,
+    /// Its key.
+    pub key: TaskKey,
+}
+
+impl Source {
+    /// Reads the folder that the arguments name.
+    ///
+    /// # Errors
+    /// [`CliError::Usage`] where it is neither patient nor cohort, [`CliError::Input`] when anything is wrong with it.
+    pub fn read(args: &DiscoverArgs, talk: &Talk) -> Result<Self, CliError> {
+        let folder = &args.folder;
+        let mut report = Report::default();
+        let is = |name: &str| folder.join(name).is_file();
+        let (name, patients, one) = match (is("cohort.toml"), is("patient.toml")) {
+            (true, _) => {
+                let options = Options { only: args.patients.clone(), ..Options::default() };
+                let cohort = input::load(folder, &options, &mut report);
+                cohort.map_or((String::new(), Vec::new(), false), |cohort| (cohort.name, cohort.patients, false))
+            }
+            (false, true) => {
+                if args.all || !args.patients.is_empty() {
+                    let message = format!("{} is a patient: --all and --patient are for a cohort", folder.display());
+                    return Err(CliError::Usage(message));
+                }
+                let patient = input::load_alone(folder, &mut report);
+                (patient.as_ref().map_or(String::new(), |p| p.id.clone()), patient.into_iter().collect(), true)
+            }
+            (false, false) => {
+                let message = format!(
+                    "{} holds neither patient.toml nor cohort.toml: name the folder of a patient or of a cohort",
+                    folder.display()
+                );
+                return Err(CliError::Usage(message));
+            }
+        };
+        let patients = patients.into_iter().filter_map(|patient| searched(patient, args, &mut report)).collect();
+        let said = problems::text(&report, talk.colour_err);
+        if !said.is_empty() {
+            talk.say(said.trim_end());
+        }
+        if report.n_errors() > 0 {
+            return Err(CliError::Input { errors: count(report.n_errors(), "error") });
+        }
+        let cohort = one.then(|| cohort_of(folder)).flatten();
+        Ok(Self { name, folder: folder.clone(), cohort, patients, one })
+    }
+
+    /// Whether a cohort was named.
+    #[must_use]
+    pub fn is_cohort(&self) -> bool {
+        !self.one
+    }
+
+    /// Where the searches are kept: as named, else in the folder that is searched, else, where that cannot be written, in
+    /// the current directory.
+    #[must_use]
+    pub fn run_dir(&self, named: Option<&Path>, talk: &Talk) -> PathBuf {
+        if let Some(named) = named {
+            return named.to_owned();
+        }
+        let beside = self.folder.join(FOLDER);
+        if is_writable(&self.folder) && std::fs::create_dir_all(&beside).is_ok() {
+            return beside;
+        }
+        let here = Path::new(FOLDER).join(&self.name);
+        talk.say(&format!("{} cannot be written: the search is kept in {}", beside.display(), here.display()));
+        here
+    }
+}
+
+/// Whether a file can be made there. A folder that is marked read-only is left alone by the superuser, too.
+fn is_writable(folder: &Path) -> bool {
+    let marked = std::fs::metadata(folder).is_ok_and(|data| data.permissions().readonly());
+    !marked && tempfile::tempfile_in(folder).is_ok()
+}
+
+/// The cohort whose patients' folder holds this one.
+fn cohort_of(folder: &Path) -> Option<PathBuf> {
+    let absolute = std::path::absolute(folder).ok()?;
+    let cohort = absolute.parent()?.parent()?;
+    cohort.join("cohort.toml").is_file().then(|| cohort.to_owned())
+}
+
+fn searched(patient: Patient, args: &DiscoverArgs, report: &mut Report) -> Option<Searched> {
+    let spec: DiscoverSpec = input::specification(&patient, &args.effects, args.seed, report)?;
+    let task = TaskSpec::Discover(Box::new(spec));
+    let key = task.key();
+    Some(Searched { patient, task, key })
+}

@@ -1,0 +1,149 @@
+//! Tables and words of a search for people.
+
+use cardiotwin_schemas::discover::{DiscoverCase, DiscoverCases, Place};
+
+use crate::cli::table::{Columns, number, optional};
+use crate::cli::talk::{Talk, Tone};
+use crate::discovery::pool::pool;
+use crate::discovery::words;
+
+/// Candidates of the ranking that are shown.
+const SHOWN: usize = 6;
+/// Places that lie less far off, in standard deviations, are left out.
+const Z: f64 = 1.0;
+
+/// One patient; the ranking alone where `brief`.
+#[must_use]
+pub fn case(case: &DiscoverCase, brief: bool, talk: &Talk) -> String {
+    let found = &case.found;
+    let mut text = format!("{}\n{}\n\n", case.case, case.summary);
+    if brief {
+        return text;
+    }
+    let mut ranking =
+        Columns::new(talk, &["EFFECT", ">PROBABILITY", ">DELTA BIC", ">EVIDENCE", "STRENGTH (95 %)", "NOTE"]);
+    for effect in found.effects.iter().take(SHOWN) {
+        let accepted = found.accepted.contains(&effect.name);
+        let note = match (accepted, effect.plausible) {
+            (true, _) if effect.artefact => "accepted: correct the data",
+            (true, _) => "accepted",
+            (false, false) => "too weak or at the edge of its range",
+            (false, true) => "",
+        };
+        let tone = accepted.then_some(Tone::Good);
+        ranking.toned([
+            (effect.name.clone(), tone),
+            (format!("{:.3}", effect.probability), None),
+            (format!("{:.1}", effect.delta_bic), None),
+            (format!("{:.1}", effect.log_evidence), None),
+            (words::strength(effect), None),
+            (note.to_owned(), tone),
+        ]);
+    }
+    text.push_str(&ranking.text());
+    text.push_str(&format!(
+        "a name needs evidence above {:.1}; the best nameless competitor has {:.1}\n\n",
+        found.threshold, found.nameless_evidence
+    ));
+    text.push_str(&places(case, talk));
+    text.push_str(&gaps(case, talk));
+    let lists = [
+        ("cannot be told from", found.confusable.join(", ")),
+        ("what would decide", found.deciding_measurement.join("; ")),
+        ("these data cannot show", found.not_identifiable.join(", ")),
+    ];
+    for (label, list) in lists.iter().filter(|(_, list)| !list.is_empty()) {
+        text.push_str(&format!("{label}: {list}\n"));
+    }
+    for effect in found.effects.iter().filter(|effect| found.accepted.contains(&effect.name)) {
+        let how = effect.in_3d.how.as_ref().map_or(String::new(), |how| format!(": {how}"));
+        text.push_str(&format!("{} in three dimensions: {}{how}\n", effect.name, effect.in_3d.way.replace('-', " ")));
+    }
+    text.push('\n');
+    text
+}
+
+/// Where the base model and the data disagree.
+fn places(case: &DiscoverCase, talk: &Talk) -> String {
+    let mut table = Columns::new(talk, &["WHERE", ">DATA - MODEL", "", ">Z", ">SHARE", ">Z AFTER", "MOVES"]);
+    let mut n_left_out = 0;
+    for place in &case.found.places {
+        if place.z.abs() < Z {
+            n_left_out += 1;
+            continue;
+        }
+        let same = |p: &&Place| p.signal == place.signal && p.phase == place.phase;
+        let after = case.found.where_after.iter().find(same).map(|p| format!("{:+.1}", p.z));
+        let phase = if place.phase == "beat" { String::new() } else { format!(", {}", words::plain(&place.phase)) };
+        table.row([
+            format!("{}{phase}", words::plain(&place.signal)),
+            format!("{:+.2}", place.size),
+            place.unit.clone(),
+            format!("{:+.1}", place.z),
+            if place.share > 0.0 { format!("{:.0} %", 100.0 * place.share) } else { String::new() },
+            after.unwrap_or_default(),
+            place.biomarkers.join(", "),
+        ]);
+    }
+    format!("{}{n_left_out} places below one standard deviation are left out\n\n", table.text())
+}
+
+/// The gap before and after.
+fn gaps(case: &DiscoverCase, talk: &Talk) -> String {
+    let found = &case.found;
+    let mut table = Columns::new(talk, &["GAP", ">BEFORE", ">AFTER", ">HELD OUT BEFORE", ">HELD OUT AFTER"]);
+    let row = |name: &str, values: [Option<f64>; 4]| {
+        let mut cells = vec![name.to_owned()];
+        cells.extend(values.map(|value| value.map_or("-".to_owned(), |value| format!("{value:.2}"))));
+        cells
+    };
+    for gap in found.gaps.iter().filter(|gap| gap.phase == "beat") {
+        table.row(row(&gap.signal, [Some(gap.before), Some(gap.after), gap.heldout_before, gap.heldout_after]));
+    }
+    let all = [Some(found.gap_before), Some(found.gap_after), found.gap_heldout_before, found.gap_heldout_after];
+    table.row(row("all", all));
+    format!("{}rms residual over the noise's standard deviation\n\n", table.text())
+}
+
+/// The cohort: who lacks what, and the evidence of all together.
+#[must_use]
+pub fn cohort(cases: &DiscoverCases, talk: &Talk) -> String {
+    let mut table = Columns::new(
+        talk,
+        &["PATIENT", "MISSING", ">PROBABILITY", ">GAP", ">AFTER", ">HELD OUT", ">AFTER", "CANNOT BE TOLD FROM"],
+    );
+    for case in cases.values() {
+        let found = &case.found;
+        let missing = match (&found.unexplained, found.none) {
+            (Some(_), _) => "unexplained".to_owned(),
+            (None, true) => "none".to_owned(),
+            (None, false) => found.accepted.join(" + "),
+        };
+        let first = found.effects.first().filter(|_| !found.none).map(|effect| format!("{:.2}", effect.probability));
+        table.row([
+            case.case.clone(),
+            missing,
+            first.unwrap_or_default(),
+            format!("{:.2}", found.gap_before),
+            format!("{:.2}", found.gap_after),
+            optional(found.gap_heldout_before),
+            optional(found.gap_heldout_after),
+            found.confusable.join(", "),
+        ]);
+    }
+    let mut text = table.text();
+    let mut table = Columns::new(talk, &["EFFECT", ">ACCEPTED IN", ">POOLED EVIDENCE", "A FAULT OF"]);
+    for pooled in pool(cases.values().map(|case| &case.found)) {
+        let fault = match (pooled.of_the_model, pooled.accepted_in) {
+            (true, _) => "the model",
+            (false, 0) => "",
+            (false, _) => "single patients",
+        };
+        let accepted = format!("{} of {}", pooled.accepted_in, cases.len());
+        table.row([pooled.name.clone(), accepted, number(pooled.log_evidence), fault.to_owned()]);
+    }
+    text.push('\n');
+    text.push_str(&table.text());
+    text.push('\n');
+    text
+}

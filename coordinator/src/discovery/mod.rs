@@ -1,0 +1,70 @@
+//! What a search for missing effects found, for people and for the next run: cases, the cohort's pooled evidence, words.
+//!
+//! Searches are tasks of the engine like any other; here is what follows from their outcomes.
+
+pub mod pool;
+pub mod words;
+
+use std::path::{Path, PathBuf};
+
+use cardiotwin_schemas::SCHEMA_VERSION;
+use cardiotwin_schemas::discover::{DiscoverCase, DiscoverCases, Discovered};
+
+use crate::results::atomic;
+
+/// Folder of a run of searches beside what was searched.
+pub const FOLDER: &str = "discover";
+/// File of a run's cases in its folder.
+pub const CASES: &str = "discover.json";
+
+/// What is written of one patient.
+#[must_use]
+pub fn case(patient: &str, task: &str, found: &Discovered) -> DiscoverCase {
+    DiscoverCase {
+        schema_version: SCHEMA_VERSION,
+        case: patient.to_owned(),
+        summary: words::summary(found),
+        task: task.to_owned(),
+        found: found.clone(),
+    }
+}
+
+/// Writes one case, or all of them by name, as JSON.
+///
+/// # Errors
+/// Whatever the file system says.
+pub fn write(path: &Path, text: &str) -> std::io::Result<()> {
+    atomic::write(path, |out| out.write_all(text.as_bytes()))
+}
+
+/// One case as a text.
+///
+/// # Panics
+/// Never: a case is JSON.
+#[must_use]
+pub fn case_text(case: &DiscoverCase) -> String {
+    serde_json::to_string_pretty(case).expect("a case is JSON") + "\n"
+}
+
+/// All cases as a text.
+///
+/// # Panics
+/// Never: cases are JSON.
+#[must_use]
+pub fn cases_text(cases: &DiscoverCases) -> String {
+    serde_json::to_string_pretty(cases).expect("cases are JSON") + "\n"
+}
+
+/// Cases that an earlier search left in the folder of a run; none where there is no such file or it is of another version.
+#[must_use]
+pub fn read_cases(run_dir: &Path) -> Option<DiscoverCases> {
+    let text = std::fs::read(cases_file(run_dir)).ok()?;
+    let cases: DiscoverCases = serde_json::from_slice(&text).ok()?;
+    cases.values().all(|case| case.schema_version == SCHEMA_VERSION).then_some(cases)
+}
+
+/// Where a run's cases lie.
+#[must_use]
+pub fn cases_file(run_dir: &Path) -> PathBuf {
+    run_dir.join(CASES)
+}

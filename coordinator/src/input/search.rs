@@ -1,0 +1,41 @@
+//! A patient's file as the search for missing effects takes it.
+
+use cardiotwin_schemas::discover::DiscoverSpec;
+use cardiotwin_schemas::task::InputFile;
+use cardiotwin_signals::Problem;
+
+use super::cohort::Patient;
+use super::report::Report;
+use super::resolve::hash;
+
+/// What a search of this patient takes; none, and a problem in `report`, where a trace is missing.
+///
+/// - `effects`: candidates by name; empty for the whole catalogue
+pub fn specification(patient: &Patient, effects: &[String], seed: u64, report: &mut Report) -> Option<DiscoverSpec> {
+    let measured = &patient.file.measured;
+    let mut trace = |name: &str, file: &Option<String>| -> Option<InputFile> {
+        if let Some(file) = file {
+            return hash(name, &patient.folder.join(file), &patient.id, report);
+        }
+        let path = &patient.lines.0;
+        let remedy = format!("add `{name} = \"{name}.csv\"` to [measured], or leave this patient out");
+        let expected = "both pressure and volume: a search compares traces, not biomarkers";
+        let problem = Problem::error(path, "no such key", expected, remedy).at_key(format!("measured.{name}"));
+        report.add(Some(&patient.id), problem);
+        None
+    };
+    let (pressure, volume) = (trace("pressure", &measured.pressure), trace("volume", &measured.volume));
+    Some(DiscoverSpec {
+        cycle_length_ms: patient.file.cycle_length_ms,
+        pressure: pressure?,
+        volume: volume?,
+        noise: measured.noise.clone().unwrap_or_default(),
+        aortic_pressure: measured.aortic_pressure.clone(),
+        forward_stroke_volume: measured.forward_stroke_volume.clone(),
+        diastasis: measured.diastasis.clone(),
+        wall_volume_ml: patient.file.anatomy.wall_volume_ml,
+        left_atrial_pressure_mmhg: patient.file.preload.as_ref().map(|preload| preload.left_atrial_pressure_mmhg),
+        effects: effects.to_vec(),
+        seed,
+    })
+}
