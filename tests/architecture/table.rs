@@ -34,8 +34,13 @@ pub const CRATES: &[Rule] = &[
     Rule { who: "calibrate", may: &["units"], why: "algorithms meet models by ask and tell or by closures" },
     Rule {
         who: "discover",
-        may: &["units", "models"],
-        why: "the search for missing effects takes arrays and numbers; files and tasks stay with who calls it",
+        may: &["units", "models", "validation"],
+        why: "the search takes arrays and numbers; files stay with who calls it; validation only in examples and tests",
+    },
+    Rule {
+        who: "validation",
+        may: &[],
+        why: "the heart that judges the search shares no code with the heart that is fitted",
     },
     Rule {
         who: "worker",

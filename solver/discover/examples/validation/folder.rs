@@ -1,0 +1,124 @@
+//! A folder of patients: `patients/ID/patient.toml` with its traces, `cohort.toml`, `labels.json`.
+
+use crate::visibility::Visibility;
+use cardiotwin_validation::{Case, PlannedCase};
+use serde_json::{Value, json};
+use std::fmt::Write;
+use std::path::{Path, PathBuf};
+
+fn put(path: &Path, text: &str) -> Result<(), String> {
+    std::fs::write(path, text).map_err(|e| format!("cannot write {}: {e}", path.display()))
+}
+
+/// Writes one patient.
+pub fn write(folder: &Path, id: &str, case: &Case) -> Result<(), String> {
+    let own = folder.join("patients").join(id);
+    std::fs::create_dir_all(&own).map_err(|e| format!("cannot make {}: {e}", own.display()))?;
+    let mut pressure = "time_ms,pressure_mmHg\n".to_owned();
+    for (t, p) in case.pressure_mmhg.iter().enumerate() {
+        let _ = writeln!(pressure, "{t}.0,{p:.3}");
+    }
+    let mut volume = "time_ms,volume_mL\n".to_owned();
+    for (t, v) in case.frame_ms.iter().zip(&case.frame_ml) {
+        let _ = writeln!(volume, "{t:.2},{v:.2}");
+    }
+    let (stated, side) = (&case.stated, &case.side);
+    let end_diastolic = case.pressure_mmhg[..10].iter().sum::<f64>() / 10.0;
+    let patient = format!(
+        "id = \"{id}\"\ncycle_length_ms = {:.1}\n\n\
+         [measured]\npressure = \"pressure.csv\"\nvolume = \"volume.csv\"\n\
+         end_diastolic_pressure_mmHg = {end_diastolic:.1}\n\n\
+         [measured.noise]\npressure_rms_mmHg = {:.3}\npressure_correlation_ms = {:.2}\nvolume_rms_mL = {:.3}\n\n\
+         [measured.aortic_pressure]\nsystolic_mmHg = {:.1}\ndiastolic_mmHg = {:.1}\nsd_mmHg = {:.1}\n\n\
+         [measured.forward_stroke_volume]\nvolume_mL = {:.2}\nsd_mL = {:.2}\n\n\
+         [measured.diastasis]\ntime_ms = {:.1}\nvolume_mL = {:.2}\nsd_mL = {:.2}\n\n\
+         [anatomy]\nwall_volume_mL = {:.1}\n",
+        case.cycle_ms,
+        stated.pressure_rms_mmhg,
+        stated.pressure_correlation_ms,
+        stated.volume_rms_ml,
+        side.cuff.0,
+        side.cuff.1,
+        side.cuff_sd,
+        side.forward.0,
+        side.forward.1,
+        side.whole_heart_ms,
+        side.whole_heart.0,
+        side.whole_heart.1,
+        side.wall_ml,
+    );
+    put(&own.join("pressure.csv"), &pressure)?;
+    put(&own.join("volume.csv"), &volume)?;
+    put(&own.join("patient.toml"), &patient)
+}
+
+/// `labels.json`, written anew with each case.
+pub struct Labels {
+    path: PathBuf,
+    all: Value,
+}
+
+impl Labels {
+    /// Those of a folder, or none yet.
+    pub fn open(folder: &Path, same: bool, seed: u64) -> Result<Self, String> {
+        std::fs::create_dir_all(folder).map_err(|e| format!("cannot make {}: {e}", folder.display()))?;
+        let model = if same { "the model that is fitted" } else { "an independent closed loop" };
+        put(
+            &folder.join("cohort.toml"),
+            &format!(
+                "name = \"validation\"\ndescription = \"Cases with hidden effects, made by {model}\"\npatients = \"patients\"\n"
+            ),
+        )?;
+        let path = folder.join("labels.json");
+        let fresh = json!({
+            "description": format!(
+                "hidden effects of each case, made by {model}, seed {seed}; strength in multiples of the smallest meaningful \
+                 one; visibility.delta_chi2: fall of the misfit on noise-free data when the right effects are added to the fitted \
+                 model, in units of the case's own noise; left_chi2: what they leave"
+            ),
+            "cases": {}
+        });
+        let all: Value = match std::fs::read_to_string(&path) {
+            Ok(text) => serde_json::from_str(&text).map_err(|e| format!("{}: {e}", path.display()))?,
+            Err(_) => fresh.clone(),
+        };
+        if all["description"] != fresh["description"] {
+            return Err(format!("{}: made by another model or seed; take another folder", path.display()));
+        }
+        Ok(Self { path, all })
+    }
+
+    /// Whether a case is there.
+    pub fn has(&self, id: &str) -> bool {
+        self.all["cases"].get(id).is_some()
+    }
+
+    /// Enters a case and writes the file.
+    pub fn add(&mut self, planned: &PlannedCase, case: &Case, seen: &Visibility, off: bool) -> Result<(), String> {
+        let named: Vec<Value> = if off { Vec::new() } else { case.hidden.iter().map(|h| json!(h)).collect() };
+        let mut label = json!({
+            "effects": named,
+            "noise": planned.noise,
+            "seed": planned.seed(),
+            "visibility": {
+                "delta_chi2": round(seen.delta_chi2),
+                "left_chi2": round(seen.left_chi2),
+                "band": seen.band(named.is_empty()),
+            },
+        });
+        if off {
+            label["off_catalogue"] = true.into();
+            label["gap"] = json!(case.hidden);
+        }
+        if planned.hard {
+            label["hard"] = true.into();
+        }
+        self.all["cases"][&planned.id] = label;
+        let text = serde_json::to_string_pretty(&self.all).map_err(|e| e.to_string())?;
+        put(&self.path, &(text + "\n"))
+    }
+}
+
+fn round(x: f64) -> f64 {
+    (10.0 * x).round() / 10.0
+}

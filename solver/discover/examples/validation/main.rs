@@ -1,0 +1,88 @@
+//! Makes folders of test patients with known hidden effects, in the patient format, with `labels.json`:
+//! `validation FOLDER [--model other|same] [--nulls N] [--singles N] [--doubles N] [--off N] [--seed N] [--jobs N]`.
+//!
+//! `other` is the independent closed loop of `solver/validation`, `same` the model that is fitted (inverse crime, and
+//! labelled so). Cases that the folder has already are kept: a command that was stopped goes on.
+
+mod folder;
+#[path = "../evaluate/load.rs"]
+#[allow(dead_code)]
+mod load;
+mod self_consistent;
+mod visibility;
+
+use cardiotwin_validation::{Case, Plan, PlannedCase};
+use rayon::prelude::*;
+use std::path::PathBuf;
+use std::process::ExitCode;
+use std::sync::Mutex;
+
+struct Arguments {
+    folder: PathBuf,
+    same: bool,
+    sets: Vec<(Plan, usize)>,
+    seed: u64,
+    jobs: usize,
+}
+
+fn arguments() -> Result<Arguments, String> {
+    let mut all = std::env::args().skip(1);
+    let usage =
+        "usage: validation FOLDER [--model other|same] [--nulls N] [--singles N] [--doubles N] [--off N] [--seed N]";
+    let folder = all.next().ok_or(usage)?;
+    let mut parsed = Arguments { folder: folder.into(), same: false, sets: Vec::new(), seed: 1, jobs: 2 };
+    while let Some(flag) = all.next() {
+        let value = all.next().ok_or(format!("{flag} needs a value"))?;
+        let number = || value.parse::<usize>().map_err(|e| format!("{flag} {value}: {e}"));
+        match flag.as_str() {
+            "--model" if value == "same" || value == "other" => parsed.same = value == "same",
+            "--nulls" => parsed.sets.push((Plan::Nulls, number()?)),
+            "--singles" => parsed.sets.push((Plan::Singles, number()?)),
+            "--doubles" => parsed.sets.push((Plan::Doubles, number()?)),
+            "--off" => parsed.sets.push((Plan::OffCatalogue, number()?)),
+            "--seed" => parsed.seed = number()? as u64,
+            "--jobs" => parsed.jobs = number()?,
+            _ => return Err(format!("unknown argument {flag} {value}\n{usage}")),
+        }
+    }
+    if parsed.same && parsed.sets.iter().any(|(plan, _)| plan.is_off_catalogue()) {
+        return Err("--off: the model that is fitted has no gaps outside its catalogue".to_owned());
+    }
+    Ok(parsed)
+}
+
+fn main() -> ExitCode {
+    match run() {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(message) => {
+            eprintln!("{message}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn run() -> Result<(), String> {
+    let arguments = arguments()?;
+    rayon::ThreadPoolBuilder::new().num_threads(arguments.jobs).build_global().map_err(|e| e.to_string())?;
+    let planned: Vec<(PlannedCase, bool)> = (arguments.sets.iter())
+        .flat_map(|(plan, n)| plan.cases(*n, arguments.seed).into_iter().map(|c| (c, plan.is_off_catalogue())))
+        .collect();
+    let labels = Mutex::new(folder::Labels::open(&arguments.folder, arguments.same, arguments.seed)?);
+    let wanted: Vec<&(PlannedCase, bool)> = {
+        let known = labels.lock().expect("no thread has panicked");
+        planned.iter().filter(|(case, _)| !known.has(&case.id)).collect()
+    };
+    wanted.par_iter().try_for_each(|(planned, off)| {
+        let made: Option<Case> = if arguments.same { self_consistent::make(planned) } else { planned.make() };
+        let Some(case) = made else {
+            eprintln!("{}: no plausible patient has {:?}; left out", planned.id, planned.effects);
+            return Ok(());
+        };
+        folder::write(&arguments.folder, &planned.id, &case)?;
+        let seen = visibility::of(&case);
+        eprintln!("{} {:?} {seen:?}", planned.id, case.hidden.iter().map(|h| h.effect).collect::<Vec<_>>());
+        labels.lock().expect("no thread has panicked").add(planned, &case, &seen, *off)
+    })?;
+    eprintln!("{} cases made, {} there before", wanted.len(), planned.len() - wanted.len());
+    Ok(())
+}

@@ -1,0 +1,83 @@
+//! How much of a hidden effect the data can show: the fitted model on noise-free data, without and with the right effects.
+
+use cardiotwin_discover::Reduced;
+use cardiotwin_discover::fit::Fit;
+use cardiotwin_discover::forward::Forward;
+use cardiotwin_discover::least_squares::Settings;
+use cardiotwin_discover::measured::{Cuff, Measured, SideData, StatedNoise, Uncertain, WholeHeart};
+use cardiotwin_discover::noise::Tolerance;
+use cardiotwin_discover::problem::{Data, Problem};
+use cardiotwin_discover::search::{add_term, fit_base};
+use cardiotwin_validation::{Case, Side};
+
+/// What the fits say.
+#[derive(Debug, Clone, Copy)]
+pub struct Visibility {
+    /// Fall of the misfit when the right effects are added; the side data and priors included.
+    pub delta_chi2: f64,
+    /// Misfit that is left: what the fitted model lacks beside the effects.
+    pub left_chi2: f64,
+}
+
+impl Visibility {
+    /// `none`, `at the limit` (below 20), `weak` (below 50), `moderate` (below 150), `strong`.
+    pub fn band(&self, nothing_hidden: bool) -> &'static str {
+        match self.delta_chi2 {
+            _ if nothing_hidden => "none",
+            x if x < 20.0 => "at the limit",
+            x if x < 50.0 => "weak",
+            x if x < 150.0 => "moderate",
+            _ => "strong",
+        }
+    }
+}
+
+fn side(side: &Side) -> SideData {
+    let with = |value: f64, sd: f64| Uncertain { value, sd };
+    SideData {
+        cuff: Some(Cuff { systolic: with(side.cuff.0, side.cuff_sd), diastolic: with(side.cuff.1, side.cuff_sd) }),
+        forward_stroke_volume: Some(with(side.forward.0, side.forward.1)),
+        whole_heart: Some(WholeHeart {
+            time_ms: side.whole_heart_ms,
+            volume: with(side.whole_heart.0, side.whole_heart.1),
+        }),
+    }
+}
+
+/// The case as the search gets it, without its noise.
+pub fn noise_free(case: &Case) -> Measured {
+    Measured {
+        cycle_ms: case.cycle_ms,
+        pressure_time_ms: (0..case.clean_pressure_mmhg.len()).map(|i| i as f64).collect(),
+        pressure_mmhg: case.clean_pressure_mmhg.clone(),
+        frame_time_ms: case.frame_ms.clone(),
+        frame_volume_ml: case.clean_frame_ml.clone(),
+        noise: StatedNoise {
+            pressure_rms_mmhg: Some(case.stated.pressure_rms_mmhg),
+            pressure_correlation_ms: Some(case.stated.pressure_correlation_ms),
+            volume_rms_ml: Some(case.stated.volume_rms_ml),
+        },
+        side: side(&case.clean_side),
+        wall_volume: Uncertain { value: case.clean_side.wall_ml, sd: 0.05 * case.clean_side.wall_ml },
+    }
+}
+
+/// Fits the base and the base with the hidden effects of the catalogue.
+pub fn of(case: &Case) -> Visibility {
+    let measured = noise_free(case);
+    let forward = Reduced::new(&measured);
+    let data = Data::new(measured, &Tolerance::default());
+    let problem = Problem { forward: &forward, data: &data };
+    let settings = Settings::default();
+    let total = |fit: &Fit| fit.misfit.pressure + fit.misfit.volume + fit.misfit.side + fit.misfit.prior;
+    let Some(base) = fit_base(&problem, &settings) else {
+        return Visibility { delta_chi2: f64::INFINITY, left_chi2: f64::INFINITY };
+    };
+    let mut with = base.clone();
+    for hidden in &case.hidden {
+        if let Some(term) = forward.candidates().iter().position(|c| c.name == hidden.effect) {
+            with = add_term(&problem, &with, term, &settings).filter(|f| total(f) < total(&with)).unwrap_or(with);
+        }
+    }
+    Visibility { delta_chi2: total(&base) - total(&with), left_chi2: total(&with) }
+}

@@ -1,0 +1,116 @@
+//! Activation of a chamber: product of two Hill functions of the time since its onset.
+//!
+//! Stergiopulos, Meister and Westerhof 1996, Am J Physiol 270:H2050: e(t) = k g₁/(1 + g₁) · 1/(1 + g₂), gᵢ = (t/τᵢ)^mᵢ.
+
+/// A twitch, its peak scaled to one.
+#[derive(Debug, Clone, PartialEq)]
+pub struct DoubleHill {
+    rise: (f64, f64),
+    fall: (f64, f64),
+    scale: f64,
+}
+
+impl DoubleHill {
+    /// From time constants \[ms\] and exponents of rise and fall.
+    #[must_use]
+    pub fn new(rise: (f64, f64), fall: (f64, f64)) -> Self {
+        let mut twitch = Self { rise, fall, scale: 1.0 };
+        let peak = (0..2000).map(|t| twitch.at(f64::from(t))).fold(0.0, f64::max);
+        twitch.scale = 1.0 / peak;
+        twitch
+    }
+
+    /// Value at a time since onset \[ms\].
+    #[must_use]
+    pub fn at(&self, t_ms: f64) -> f64 {
+        if t_ms <= 0.0 {
+            return 0.0;
+        }
+        let g1 = (t_ms / self.rise.0).powf(self.rise.1);
+        let g2 = (t_ms / self.fall.0).powf(self.fall.1);
+        self.scale * g1 / (1.0 + g1) / (1.0 + g2)
+    }
+}
+
+/// Activation of the left ventricle over one cycle, each step, with what changes its course.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Course {
+    /// Time constant below which it does not fall \[ms\]; 0 leaves the fall as it is.
+    pub relaxation_ms: f64,
+    /// Part of the wall that is late, and the mean of its delay \[ms\].
+    pub late: Option<(f64, f64)>,
+    /// A second, small contraction: height, time since onset \[ms\], width \[ms\].
+    pub after_contraction: Option<(f64, f64, f64)>,
+}
+
+/// Groups of the late part of the wall, and how far they are spread around its mean delay.
+const LATE_GROUPS: [f64; 5] = [0.7, 0.85, 1.0, 1.15, 1.3];
+
+impl Course {
+    /// Values at the begin of each of `n` steps over a cycle, periodic; `onset_ms` after time zero.
+    #[must_use]
+    pub fn table(&self, twitch: &DoubleHill, onset_ms: f64, cycle_ms: f64, n: usize) -> Vec<f64> {
+        let step = cycle_ms / n as f64;
+        let whole = |since: f64| {
+            let mut e = twitch.at(since);
+            if let Some((share, delay)) = self.late {
+                let late: f64 = LATE_GROUPS.iter().map(|k| twitch.at(since - k * delay)).sum::<f64>();
+                e = (1.0 - share) * e + share * late / LATE_GROUPS.len() as f64;
+            }
+            if let Some((height, at, width)) = self.after_contraction {
+                e += height * (-((since - at) / width).powi(2)).exp();
+            }
+            e
+        };
+        // The tail of the beat before is still there.
+        let at = |i: usize| {
+            let since = i as f64 * step - onset_ms;
+            whole(since) + whole(since + cycle_ms)
+        };
+        let forced: Vec<f64> = (0..n).map(at).collect();
+        if self.relaxation_ms <= 0.0 {
+            return forced;
+        }
+        // The muscle lets go towards what its twitch asks for no faster than its time constant.
+        let mut own = forced.clone();
+        let mut e = forced[n - 1];
+        for i in (0..3).flat_map(|_| 0..n) {
+            let followed = forced[i] + (e - forced[i]).max(0.0) * (-step / self.relaxation_ms).exp();
+            e = followed.max(forced[i]);
+            own[i] = e;
+        }
+        own
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn twitch() -> DoubleHill {
+        DoubleHill::new((220.0, 1.8), (360.0, 22.0))
+    }
+
+    #[test]
+    fn a_twitch_peaks_at_one_and_is_gone_before_the_next() {
+        let table = Course::default().table(&twitch(), 20.0, 850.0, 4250);
+        let peak = table.iter().copied().fold(0.0, f64::max);
+        assert!((peak - 1.0).abs() < 2e-3 && table[0] < 1e-3 && table[3500] < 1e-3, "{peak} {}", table[3500]);
+    }
+
+    #[test]
+    fn slow_relaxation_leaves_the_rise_and_gives_an_exponential_tail() {
+        let plain = Course::default().table(&twitch(), 20.0, 850.0, 4250);
+        let slow = Course { relaxation_ms: 50.0, ..Course::default() }.table(&twitch(), 20.0, 850.0, 4250);
+        assert_eq!(plain[500..1000], slow[500..1000]);
+        // 60 ms apart, far down the tail.
+        assert!((slow[3000] / slow[2700] - (-60.0f64 / 50.0).exp()).abs() < 0.01, "{}", slow[3000] / slow[2700]);
+    }
+
+    #[test]
+    fn a_late_part_delays_rise_and_fall() {
+        let plain = Course::default().table(&twitch(), 20.0, 850.0, 4250);
+        let split = Course { late: Some((0.4, 60.0)), ..Course::default() }.table(&twitch(), 20.0, 850.0, 4250);
+        assert!(split[600] < plain[600] && split[2100] > plain[2100]);
+    }
+}

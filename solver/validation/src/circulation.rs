@@ -1,0 +1,328 @@
+//! The closed loop: left ventricle, aorta and arteries, veins, right ventricle, lungs, left atrium.
+
+use crate::activation::{Course, DoubleHill};
+use crate::valve::{Valve, ValveState};
+
+/// Flow through an orifice of 1 cm² under 1 mmHg \[mL/s\]: √(2/ρ).
+const ORIFICE: f64 = 50.154;
+/// Steps of a recorded sample of 1 ms.
+const STEPS_PER_MS: usize = 5;
+/// Beats after which a heart that is not steady is given up.
+const BEATS: usize = 400;
+/// Beats during which loads are moved towards their targets.
+const CONTROLLED: usize = 300;
+
+/// Left ventricle.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LeftVentricle {
+    /// Volume that other volumes are shares of: near end-diastole \[mL\].
+    pub reference_ml: f64,
+    /// Isovolumic peak pressure at the reference volume \[mmHg\].
+    pub peak_mmhg: f64,
+    /// Volume without active pressure, as a share of the reference.
+    pub dead_share: f64,
+    /// Volume above the dead one at which the curved end-systolic relation would peak, as a share of the reference.
+    pub curve_share: f64,
+    /// Loss of active pressure with outflow \[s/mL\] (Shroff, Janicki and Weber 1985, Am J Physiol 249:H358).
+    pub rate_loss: f64,
+    /// Loss of active pressure by shortening that lasts: per volume \[1/mL\] and time constant \[s\].
+    pub deactivation: Option<(f64, f64)>,
+    /// Passive pressure at the reference volume \[mmHg\].
+    pub passive_mmhg: f64,
+    /// Volume without passive pressure, as a share of the reference.
+    pub unloaded_share: f64,
+    /// Exponent of the passive law per reference volume.
+    pub passive_exponent: f64,
+    /// Maxwell element beside the wall: stiffness \[mmHg/mL\] and time constant \[s\].
+    pub maxwell: Option<(f64, f64)>,
+    /// Share of the right ventricle's pressure that the septum hands on.
+    pub septal_share: f64,
+    /// Twitch.
+    pub twitch: DoubleHill,
+    /// Course of the activation.
+    pub course: Course,
+}
+
+impl LeftVentricle {
+    /// Isovolumic peak pressure at a volume \[mmHg\].
+    fn active(&self, volume: f64) -> f64 {
+        let shape = |v: f64| {
+            let x = v - self.dead_share;
+            x * (1.0 - x / (2.0 * self.curve_share))
+        };
+        (self.peak_mmhg * shape(volume / self.reference_ml) / shape(1.0)).max(0.0)
+    }
+
+    /// Passive pressure at a volume \[mmHg\].
+    fn passive(&self, volume: f64) -> f64 {
+        let law = |v: f64| (self.passive_exponent * (v - self.unloaded_share)).exp() - 1.0;
+        self.passive_mmhg * law(volume / self.reference_ml) / law(1.0)
+    }
+}
+
+/// A contraction of the left atrium.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct AtrialContraction {
+    /// Added elastance at its peak \[mmHg/mL\].
+    pub elastance: f64,
+    /// Middle, before the onset of the ventricle \[ms\].
+    pub lead_ms: f64,
+    /// Half width \[ms\].
+    pub width_ms: f64,
+}
+
+/// Pericardium around all chambers: p exp((V − V₀)/s).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Pericardium {
+    /// p \[mmHg\].
+    pub pressure_mmhg: f64,
+    /// V₀ \[mL\].
+    pub volume_ml: f64,
+    /// s \[mL\].
+    pub scale_ml: f64,
+}
+
+/// All parameters of one heart and circulation. Pressures in mmHg, volumes in mL, resistances in mmHg s/mL.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Heart {
+    /// Cycle length \[ms\], whole.
+    pub cycle_ms: usize,
+    /// Begin of the ventricles' activation \[ms\].
+    pub onset_ms: f64,
+    /// Left ventricle.
+    pub left: LeftVentricle,
+    /// Right ventricle: largest and least elastance \[mmHg/mL\].
+    pub right: (f64, f64),
+    /// Compliance of the left atrium \[mL/mmHg\].
+    pub atrial_compliance: f64,
+    /// Its contraction; none in a heart that lacks nothing.
+    pub atrial_contraction: Option<AtrialContraction>,
+    /// Pericardium; none in a heart that lacks nothing.
+    pub pericardium: Option<Pericardium>,
+    /// Mitral valve.
+    pub mitral: Valve,
+    /// Aortic valve.
+    pub aortic: Valve,
+    /// Tricuspid valve.
+    pub tricuspid: Valve,
+    /// Pulmonary valve.
+    pub pulmonary: Valve,
+    /// Hole between the ventricles \[cm²\].
+    pub septal_defect_cm2: f64,
+    /// Resistance between valve and aortic root.
+    pub root_resistance: f64,
+    /// Compliance of the root and of the arteries \[mL/mmHg\].
+    pub arterial_compliance: (f64, f64),
+    /// Resistance and inertance \[mmHg s²/mL\] between both.
+    pub arterial_link: (f64, f64),
+    /// Resistance of the periphery; moved until the mean arterial pressure is as wanted.
+    pub peripheral_resistance: f64,
+    /// Compliance of the systemic veins \[mL/mmHg\].
+    pub venous_compliance: f64,
+    /// Compliance of the pulmonary arteries and veins \[mL/mmHg\].
+    pub lung_compliance: (f64, f64),
+    /// Resistance of the lungs, and from their veins into the atrium.
+    pub lung_resistance: (f64, f64),
+    /// Wanted mean pressure of the left atrium and of the arteries \[mmHg\].
+    pub wanted: (f64, f64),
+}
+
+/// One steady beat in samples of 1 ms.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Beat {
+    /// Pressure of the left ventricle \[mmHg\].
+    pub pressure: Vec<f64>,
+    /// Its volume \[mL\].
+    pub volume: Vec<f64>,
+    /// Pressure of the aortic root \[mmHg\].
+    pub aortic_pressure: Vec<f64>,
+    /// Pressure of the left atrium \[mmHg\].
+    pub atrial_pressure: Vec<f64>,
+    /// Flow through the aortic valve \[mL/s\].
+    pub aortic_flow: Vec<f64>,
+    /// Flow through the mitral valve \[mL/s\].
+    pub mitral_flow: Vec<f64>,
+    /// Net volume into the aorta \[mL\].
+    pub forward_ml: f64,
+    /// Largest change of a state over the beat (mL, or mL/s over 100): how far from steady it still is.
+    pub drift: f64,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct State {
+    left: f64,
+    right: f64,
+    atrium: f64,
+    root: f64,
+    arteries: f64,
+    veins: f64,
+    lung_arteries: f64,
+    lung_veins: f64,
+    link_flow: f64,
+    maxwell: f64,
+    deactivation: f64,
+    valves: [ValveState; 4],
+}
+
+/// Pressures of a state.
+struct Pressures {
+    left: f64,
+    right: f64,
+    atrium: f64,
+    root: f64,
+    arteries: f64,
+    veins: f64,
+    lung_arteries: f64,
+    lung_veins: f64,
+}
+
+impl Heart {
+    fn start(&self) -> State {
+        let (p_la, p_art) = self.wanted;
+        State {
+            left: self.left.reference_ml,
+            right: self.left.reference_ml,
+            atrium: p_la * self.atrial_compliance,
+            root: p_art * self.arterial_compliance.0,
+            arteries: p_art * self.arterial_compliance.1,
+            veins: 5.0 * self.venous_compliance,
+            lung_arteries: 15.0 * self.lung_compliance.0,
+            lung_veins: (p_la + 1.0) * self.lung_compliance.1,
+            link_flow: 0.0,
+            maxwell: 0.0,
+            deactivation: 0.0,
+            valves: [ValveState::default(); 4],
+        }
+    }
+
+    fn pressures(&self, s: &State, left_activation: f64, right_activation: f64, atrial: f64) -> Pressures {
+        let around = self
+            .pericardium
+            .map_or(0.0, |p| p.pressure_mmhg * ((s.left + s.right + s.atrium - p.volume_ml) / p.scale_ml).exp());
+        let out = (s.valves[1].flow - s.valves[0].flow).max(0.0);
+        let strength = (1.0 - self.left.rate_loss * out).max(0.0) * (1.0 - s.deactivation).max(0.0);
+        let right = around + (self.right.1 + (self.right.0 - self.right.1) * right_activation) * s.right;
+        let left = around
+            + self.left.passive(s.left)
+            + left_activation * strength * self.left.active(s.left)
+            + s.maxwell
+            + self.left.septal_share * (right - around);
+        let added = self.atrial_contraction.map_or(0.0, |a| a.elastance * atrial);
+        Pressures {
+            left,
+            right,
+            atrium: around + s.atrium * (1.0 / self.atrial_compliance + added),
+            root: s.root / self.arterial_compliance.0,
+            arteries: s.arteries / self.arterial_compliance.1,
+            veins: s.veins / self.venous_compliance,
+            lung_arteries: s.lung_arteries / self.lung_compliance.0,
+            lung_veins: s.lung_veins / self.lung_compliance.1,
+        }
+    }
+
+    /// One step: flows by the pressures at its begin, volumes by the flows at its end.
+    fn step(&self, s: &State, p: &Pressures, dt: f64, resistance: f64) -> State {
+        let valves = [
+            self.mitral.step(s.valves[0], p.atrium - p.left, dt),
+            self.aortic.step(s.valves[1], p.left - p.root, dt),
+            self.tricuspid.step(s.valves[2], p.veins - p.right, dt),
+            self.pulmonary.step(s.valves[3], p.right - p.lung_arteries, dt),
+        ];
+        let [mitral, aortic, tricuspid, pulmonary] = valves.map(|v| v.flow);
+        let (link_r, link_l) = self.arterial_link;
+        let k = dt / link_l;
+        let link = (s.link_flow + k * (p.root - p.arteries)) / (1.0 + k * link_r);
+        let shunt = if self.septal_defect_cm2 > 0.0 {
+            let difference = p.left - p.right;
+            ORIFICE * self.septal_defect_cm2 * difference.signum() * difference.abs().sqrt()
+        } else {
+            0.0
+        };
+        let periphery = (p.arteries - p.veins) / resistance;
+        let lung = (p.lung_arteries - p.lung_veins) / self.lung_resistance.0;
+        let return_flow = (p.lung_veins - p.atrium) / self.lung_resistance.1;
+        let rate = mitral - aortic - shunt;
+        State {
+            left: s.left + dt * rate,
+            right: s.right + dt * (tricuspid + shunt - pulmonary),
+            atrium: s.atrium + dt * (return_flow - mitral),
+            root: s.root + dt * (aortic - link),
+            arteries: s.arteries + dt * (link - periphery),
+            veins: s.veins + dt * (periphery - tricuspid),
+            lung_arteries: s.lung_arteries + dt * (pulmonary - lung),
+            lung_veins: s.lung_veins + dt * (lung - return_flow),
+            link_flow: link,
+            maxwell: self
+                .left
+                .maxwell
+                .map_or(0.0, |(stiffness, tau)| (s.maxwell + dt * stiffness * rate) / (1.0 + dt / tau)),
+            deactivation: self
+                .left
+                .deactivation
+                .map_or(0.0, |(per_ml, tau)| (s.deactivation + dt * per_ml * (-rate).max(0.0)) / (1.0 + dt / tau)),
+            valves,
+        }
+    }
+
+    /// The steady beat; none when the loop does not settle. Blood is added to or taken from the veins, and the periphery
+    /// widened or narrowed, until the mean pressures are as wanted.
+    #[must_use]
+    pub fn beat(&self) -> Option<Beat> {
+        let n = self.cycle_ms * STEPS_PER_MS;
+        let cycle = self.cycle_ms as f64;
+        let dt = 1e-3 / STEPS_PER_MS as f64;
+        let left = self.left.course.table(&self.left.twitch, self.onset_ms, cycle, n);
+        let right = Course::default().table(&self.left.twitch, self.onset_ms + 5.0, cycle, n);
+        let atrial: Vec<f64> = (0..n)
+            .map(|i| {
+                let Some(a) = self.atrial_contraction else { return 0.0 };
+                let t = i as f64 / STEPS_PER_MS as f64;
+                let from_middle = (t - self.onset_ms + a.lead_ms + 0.5 * cycle).rem_euclid(cycle) - 0.5 * cycle;
+                (-(from_middle / a.width_ms).powi(2)).exp()
+            })
+            .collect();
+        let mut state = self.start();
+        let mut resistance = self.peripheral_resistance;
+        for beat_idx in 0..BEATS {
+            let before = state;
+            let mut beat = Beat::default();
+            for i in 0..n {
+                let p = self.pressures(&state, left[i], right[i], atrial[i]);
+                if i % STEPS_PER_MS == 0 {
+                    beat.pressure.push(p.left);
+                    beat.volume.push(state.left);
+                    beat.aortic_pressure.push(p.root + self.root_resistance * state.valves[1].flow);
+                    beat.atrial_pressure.push(p.atrium);
+                    beat.aortic_flow.push(state.valves[1].flow);
+                    beat.mitral_flow.push(state.valves[0].flow);
+                }
+                state = self.step(&state, &p, dt, resistance);
+                beat.forward_ml += dt * state.valves[1].flow;
+            }
+            if !state.left.is_finite() || state.left < 5.0 {
+                return None;
+            }
+            beat.drift = drift(&before, &state);
+            let mean = |v: &[f64]| v.iter().sum::<f64>() / v.len() as f64;
+            let (atrium, artery) = (mean(&beat.atrial_pressure), mean(&beat.aortic_pressure));
+            if beat_idx < CONTROLLED {
+                let off = ((self.wanted.0 - atrium) / self.wanted.0).abs().max((self.wanted.1 / artery).ln().abs());
+                if beat_idx > 20 && beat.drift < 0.02 && off < 5e-3 {
+                    return Some(beat);
+                }
+                state.lung_veins += (1.5 * (self.wanted.0 - atrium)).clamp(-20.0, 20.0);
+                resistance *= (self.wanted.1 / artery).powf(0.3).clamp(0.8, 1.25);
+            } else if beat.drift < 0.02 {
+                return Some(beat);
+            }
+        }
+        None
+    }
+}
+
+fn drift(a: &State, b: &State) -> f64 {
+    let volumes = |s: &State| [s.left, s.right, s.atrium, s.root, s.arteries, s.veins, s.lung_arteries, s.lung_veins];
+    let by_volume = volumes(a).into_iter().zip(volumes(b)).map(|(x, y)| (x - y).abs());
+    let by_flow = a.valves.iter().zip(&b.valves).map(|(x, y)| 0.01 * (x.flow - y.flow).abs());
+    by_volume.chain(by_flow).fold(0.0, f64::max)
+}

@@ -1,0 +1,113 @@
+//! Random hearts within physiological ranges.
+
+use crate::activation::{Course, DoubleHill};
+use crate::circulation::{Beat, Heart, LeftVentricle};
+use crate::random::Random;
+use crate::valve::Valve;
+
+/// A heart that lacks nothing: no effect of the catalogue reaches its smallest meaningful size.
+#[must_use]
+pub fn draw(random: &mut Random) -> Heart {
+    let cycle_ms = random.between(620.0, 1180.0).round();
+    // Systole shortens less than diastole with the heart rate (Bazett).
+    let systole = (cycle_ms / 850.0).sqrt();
+    let reference_ml = random.between(105.0, 185.0);
+    let atrium = random.between(7.0, 14.0);
+    let compliance = random.log_between(0.9, 2.4);
+    let root = random.between(0.03, 0.1);
+    let wanted = (atrium, random.between(80.0, 106.0));
+    let rise = (random.between(110.0, 180.0) * systole, random.between(1.6, 2.4));
+    let fall = (random.between(320.0, 390.0) * systole, random.between(24.0, 34.0));
+    let unloaded_share = random.between(0.28, 0.45);
+    let passive_power = random.between(1.8, 3.0);
+    let left = LeftVentricle {
+        reference_ml,
+        peak_mmhg: random.between(190.0, 290.0),
+        dead_share: random.between(-0.1, 0.12),
+        curve_share: random.between(1.4, 2.6),
+        rate_loss: random.between(4e-4, 9e-4),
+        deactivation: None,
+        passive_mmhg: atrium * random.between(0.85, 1.15),
+        unloaded_share,
+        passive_exponent: passive_power / (1.0 - unloaded_share),
+        maxwell: None,
+        septal_share: 0.0,
+        twitch: DoubleHill::new(rise, fall),
+        course: Course::default(),
+    };
+    let valve = |open_cm2: f64, resistance: f64| Valve {
+        open_cm2,
+        leak_cm2: 0.0,
+        length_cm: 1.5,
+        resistance,
+        opening: 20.0,
+        closing: 60.0,
+    };
+    let root_resistance = random.between(0.005, 0.02);
+    Heart {
+        cycle_ms: cycle_ms as usize,
+        onset_ms: random.between(8.0, 40.0),
+        left,
+        right: (random.between(0.5, 0.8), random.between(0.03, 0.06)),
+        atrial_compliance: random.between(18.0, 30.0),
+        atrial_contraction: None,
+        pericardium: None,
+        mitral: valve(random.between(5.0, 7.5), random.between(0.006, 0.018)),
+        aortic: valve(random.between(5.6, 7.5), root_resistance + random.between(0.002, 0.006)),
+        tricuspid: valve(8.0, 0.005),
+        pulmonary: valve(7.0, 0.005),
+        septal_defect_cm2: 0.0,
+        root_resistance,
+        arterial_compliance: (root * compliance, (1.0 - root) * compliance),
+        arterial_link: (random.between(0.03, 0.06), random.between(2e-4, 1e-3)),
+        peripheral_resistance: 1.0,
+        venous_compliance: 60.0,
+        lung_compliance: (5.0, random.between(15.0, 25.0)),
+        lung_resistance: (0.07, random.between(0.03, 0.05)),
+        wanted,
+    }
+}
+
+/// Why a beat is not one of a patient; none when it is.
+#[must_use]
+pub fn implausible(beat: &Beat) -> Option<String> {
+    let range = |v: &[f64]| v.iter().fold((f64::MAX, f64::MIN), |(l, h), x| (l.min(*x), h.max(*x)));
+    let (least_p, peak) = range(&beat.pressure);
+    let (end_systolic, end_diastolic) = range(&beat.volume);
+    let slope = beat.pressure.windows(2).map(|w| w[1] - w[0]).fold(0.0, f64::max);
+    let pulse = range(&beat.aortic_pressure);
+    let checks = [
+        ("peak pressure", peak, 90.0, 230.0),
+        ("least pressure", least_p, -4.0, 18.0),
+        ("pressure at time zero", beat.pressure[0], 2.0, 28.0),
+        ("largest dP/dt in mmHg/ms", slope, 0.9, 4.0),
+        ("end-diastolic volume", end_diastolic, 85.0, 230.0),
+        ("stroke volume", end_diastolic - end_systolic, 42.0, 135.0),
+        ("net forward volume", beat.forward_ml, 30.0, 120.0),
+        ("ejection fraction", 1.0 - end_systolic / end_diastolic, 0.32, 0.78),
+        ("pulse pressure", pulse.1 - pulse.0, 22.0, 95.0),
+    ];
+    checks
+        .iter()
+        .find(|(_, value, low, high)| !(low..=high).contains(&value))
+        .map(|(name, value, low, high)| format!("{name} is {value:.2}, not {low} to {high}"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn most_hearts_are_patients_and_their_blood_goes_round() {
+        let mut n_good = 0;
+        for seed in 0..12 {
+            let heart = draw(&mut Random::new(seed, 0));
+            let Some(beat) = heart.beat() else { continue };
+            let ejected = beat.forward_ml;
+            let filled = beat.mitral_flow.iter().sum::<f64>() * 1e-3;
+            assert!((filled - ejected).abs() < 0.5, "{filled} {ejected}");
+            n_good += usize::from(implausible(&beat).is_none());
+        }
+        assert!(n_good >= 6, "{n_good} of 12");
+    }
+}

@@ -1,0 +1,125 @@
+//! Which cases a set has: balanced over effects, levels and noise, so that detection can be drawn against each.
+
+use crate::hidden::{NAMES, OFF_CATALOGUE};
+use crate::measure::Case;
+
+/// Sets by name.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Plan {
+    /// Nothing is missing.
+    Nulls,
+    /// One effect of the catalogue.
+    Singles,
+    /// Two effects of the catalogue.
+    Doubles,
+    /// A gap that the catalogue lacks.
+    OffCatalogue,
+}
+
+/// One case to be made.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PlannedCase {
+    /// Its name.
+    pub id: String,
+    /// Effects with their levels.
+    pub effects: Vec<(&'static str, usize)>,
+    /// Factor of the usual noise.
+    pub noise: f64,
+    /// Whether the data can hardly resolve it.
+    pub hard: bool,
+    seed: u64,
+}
+
+/// Pairs that occur together in patients, or that are told apart with effort.
+const PAIRS: [[&str; 2]; 10] = [
+    ["atrial_kick", "mitral_regurgitation"],
+    ["atrial_kick", "delayed_relaxation"],
+    ["dyssynchrony", "mitral_regurgitation"],
+    ["aortic_stenosis", "delayed_relaxation"],
+    ["atrial_kick", "pressure_offset"],
+    ["atrial_kick", "catheter_response"],
+    ["mitral_regurgitation", "pv_misalignment"],
+    ["delayed_relaxation", "pressure_offset"],
+    ["aortic_regurgitation", "catheter_response"],
+    ["dyssynchrony", "pv_misalignment"],
+];
+
+/// Factors of the usual noise, in turn.
+const NOISE: [f64; 3] = [1.0, 0.5, 2.0];
+
+impl Plan {
+    /// The first `n` cases of the set with this seed. Singles go through all effects at one level before the next level,
+    /// and through all levels before the next noise: any beginning of the list is balanced.
+    #[must_use]
+    pub fn cases(self, n: usize, seed: u64) -> Vec<PlannedCase> {
+        let (prefix, stream) = match self {
+            Self::Nulls => ("null", 1),
+            Self::Singles => ("single", 2),
+            Self::Doubles => ("double", 3),
+            Self::OffCatalogue => ("off", 4),
+        };
+        (0..n)
+            .map(|i| {
+                let (effects, noise) = match self {
+                    Self::Nulls => (Vec::new(), 1.0),
+                    Self::Singles => {
+                        let round = i / NAMES.len();
+                        // Middle levels first.
+                        let level = [2, 1, 3, 0][round % 4];
+                        (vec![(NAMES[i % NAMES.len()].0, level)], NOISE[round / 4 % NOISE.len()])
+                    }
+                    Self::Doubles => {
+                        let level = 2 + i / PAIRS.len() % 2;
+                        (PAIRS[i % PAIRS.len()].map(|name| (name, level)).to_vec(), 1.0)
+                    }
+                    Self::OffCatalogue => {
+                        let k = OFF_CATALOGUE.len();
+                        (vec![(OFF_CATALOGUE[i % k], 1 + i / k % 3)], 1.0)
+                    }
+                };
+                let hard = effects.iter().any(|(name, _)| *name == "cross_fibre_stress");
+                let seed = seed.wrapping_mul(1_000_003).wrapping_add(stream * 100_000 + i as u64);
+                PlannedCase { id: format!("{prefix}-{:03}", i + 1), effects, noise, hard, seed }
+            })
+            .collect()
+    }
+
+    /// Whether the catalogue lacks what these cases hide.
+    #[must_use]
+    pub fn is_off_catalogue(self) -> bool {
+        self == Self::OffCatalogue
+    }
+}
+
+impl PlannedCase {
+    /// Makes it; none when no plausible patient has these effects.
+    #[must_use]
+    pub fn make(&self) -> Option<Case> {
+        Case::draw(self.seed, &self.effects, self.noise)
+    }
+
+    /// Its seed: the only source of chance.
+    #[must_use]
+    pub fn seed(&self) -> u64 {
+        self.seed
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::collections::BTreeSet;
+
+    #[test]
+    fn beginnings_are_balanced_and_seeds_differ() {
+        let singles = Plan::Singles.cases(192, 7);
+        let of = |name: &str| singles.iter().filter(|c| c.effects[0].0 == name).count();
+        assert!(NAMES.iter().all(|(name, ..)| of(name) == 12));
+        let first: BTreeSet<_> = singles[..16].iter().map(|c| c.effects[0].0).collect();
+        assert_eq!(first.len(), 16);
+        let all = [Plan::Nulls, Plan::Singles, Plan::Doubles, Plan::OffCatalogue];
+        let seeds: BTreeSet<u64> =
+            all.iter().flat_map(|p| [1, 2].map(|s| p.cases(50, s))).flatten().map(|c| c.seed()).collect();
+        assert_eq!(seeds.len(), 400);
+    }
+}
