@@ -12,21 +12,24 @@ use std::collections::BTreeMap;
 pub const NAMES: [(&str, f64, [f64; 4]); 16] = [
     ("atrial_kick", 2.0, [3.0, 6.0, 10.0, 15.0]),
     ("mitral_regurgitation", 0.04, [0.06, 0.12, 0.2, 0.32]),
-    ("aortic_regurgitation", 0.02, [0.035, 0.07, 0.12, 0.2]),
-    ("aortic_stenosis", 2e-5, [5e-5, 1e-4, 1.8e-4, 3e-4]),
+    ("aortic_regurgitation", 0.02, [0.04, 0.08, 0.14, 0.24]),
+    ("aortic_stenosis", 2e-5, [8e-5, 1.5e-4, 2.5e-4, 4e-4]),
     ("wave_reflection", 0.003, [0.005, 0.009, 0.014, 0.02]),
     ("delayed_relaxation", 20.0, [26.0, 35.0, 48.0, 65.0]),
     ("passive_stiffening", 0.5, [0.75, 1.3, 2.2, 3.5]),
     ("ventricular_septal_defect", 0.04, [0.06, 0.12, 0.2, 0.32]),
     ("pericardial_constraint", 2.0, [3.0, 5.0, 7.5, 10.0]),
     ("dyssynchrony", 20.0, [28.0, 45.0, 70.0, 100.0]),
-    ("viscoelasticity", 0.003, [0.005, 0.009, 0.015, 0.025]),
+    ("viscoelasticity", 0.003, [0.006, 0.011, 0.018, 0.03]),
     ("cross_fibre_stress", 0.1, [0.15, 0.2, 0.3, 0.4]),
-    ("catheter_response", 33.0, [40.0, 55.0, 75.0, 100.0]),
+    ("catheter_response", 33.0, [45.0, 60.0, 80.0, 105.0]),
     ("pv_misalignment", 8.0, [12.0, 20.0, 32.0, 48.0]),
-    ("pressure_offset", 2.0, [3.0, 5.0, 8.0, 12.0]),
-    ("volume_scaling", 0.04, [0.06, 0.1, 0.16, 0.24]),
+    ("pressure_offset", 2.0, [3.0, 5.5, 9.0, 14.0]),
+    ("volume_scaling", 0.04, [0.06, 0.1, 0.17, 0.26]),
 ];
+
+/// Effects that pressure and volume of one ventricle hardly show, or not at all.
+pub const HARD: [&str; 3] = ["cross_fibre_stress", "wave_reflection", "pericardial_constraint"];
 
 /// Gaps that the catalogue does not have.
 pub const OFF_CATALOGUE: [&str; 3] = ["shortening_deactivation", "septal_interaction", "after_contraction"];

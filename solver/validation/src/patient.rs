@@ -40,8 +40,8 @@ pub fn draw(random: &mut Random) -> Heart {
         leak_cm2: 0.0,
         length_cm: 1.5,
         resistance,
-        opening: 20.0,
-        closing: 60.0,
+        opening: 80.0,
+        closing: 120.0,
     };
     let root_resistance = random.between(0.005, 0.02);
     Heart {

@@ -1,6 +1,6 @@
 //! Which cases a set has: balanced over effects, levels and noise, so that detection can be drawn against each.
 
-use crate::hidden::{NAMES, OFF_CATALOGUE};
+use crate::hidden::{HARD, NAMES, OFF_CATALOGUE};
 use crate::measure::Case;
 
 /// Sets by name.
@@ -77,7 +77,7 @@ impl Plan {
                         (vec![(OFF_CATALOGUE[i % k], 1 + i / k % 3)], 1.0)
                     }
                 };
-                let hard = effects.iter().any(|(name, _)| *name == "cross_fibre_stress");
+                let hard = effects.iter().any(|(name, _)| HARD.contains(name));
                 let seed = seed.wrapping_mul(1_000_003).wrapping_add(stream * 100_000 + i as u64);
                 PlannedCase { id: format!("{prefix}-{:03}", i + 1), effects, noise, hard, seed }
             })

@@ -1,7 +1,8 @@
 //! Runs the search on a folder of cases and, where it has labels, scores it:
-//! `evaluate CASES_DIR [--jobs N] [--only ID,ID] [--part development|aside] [--no-side] [--seed N]`.
+//! `evaluate CASES_DIR [--jobs N] [--only ID,ID] [--part development|aside] [--no-side] [--seed N] [--out FILE]`.
 //!
-//! One JSON line a case on standard output, the table on standard error. `--part` splits the cases once and for all by
+//! One JSON line a case on standard output, the table on standard error. With `--out` the lines go to a file instead; cases
+//! that it has already are not searched again, so that a command that was stopped goes on. `--part` splits the cases once and for all by
 //! a hash of their names into two halves, so that one half can stay unseen.
 
 mod load;
@@ -9,7 +10,8 @@ mod score;
 
 use cardiotwin_discover::cohort::PooledEffect;
 use cardiotwin_discover::{Discovery, Reduced, Settings, discover};
-use std::path::PathBuf;
+use std::io::Write;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Instant;
 
@@ -20,18 +22,21 @@ struct Arguments {
     part: Option<String>,
     side: bool,
     seed: u64,
+    out: Option<PathBuf>,
 }
 
 fn arguments() -> Result<Arguments, String> {
     let mut all = std::env::args().skip(1);
     let folder = all.next().ok_or("usage: evaluate CASES_DIR [--jobs N] [--only ID,ID] [--part P] [--no-side]")?;
-    let mut parsed = Arguments { folder: folder.into(), jobs: 2, only: Vec::new(), part: None, side: true, seed: 1 };
+    let mut parsed =
+        Arguments { folder: folder.into(), jobs: 2, only: Vec::new(), part: None, side: true, seed: 1, out: None };
     while let Some(flag) = all.next() {
         let mut value = || all.next().ok_or(format!("{flag} needs a value"));
         match flag.as_str() {
             "--jobs" => parsed.jobs = value()?.parse().map_err(|e| format!("--jobs: {e}"))?,
             "--seed" => parsed.seed = value()?.parse().map_err(|e| format!("--seed: {e}"))?,
             "--only" => parsed.only = value()?.split(',').map(str::to_owned).collect(),
+            "--out" => parsed.out = Some(value()?.into()),
             "--part" => parsed.part = Some(value()?),
             "--no-side" => parsed.side = false,
             other => return Err(format!("unknown argument {other}")),
@@ -50,6 +55,28 @@ fn main() -> ExitCode {
     }
 }
 
+/// Results of a file of lines; a last line that was cut off is not counted.
+fn known(path: &Path) -> Result<Vec<(String, Discovery)>, String> {
+    let Ok(text) = std::fs::read_to_string(path) else { return Ok(Vec::new()) };
+    let whole = text.rfind('\n').map_or("", |end| &text[..=end]);
+    if whole.len() < text.len() {
+        std::fs::write(path, whole).map_err(|e| format!("cannot write {}: {e}", path.display()))?;
+    }
+    let line = |(idx, line): (usize, &str)| {
+        let bad = |e: &dyn std::fmt::Display| format!("{}:{}: {e}", path.display(), idx + 1);
+        let value: serde_json::Value = serde_json::from_str(line).map_err(|e| bad(&e))?;
+        let id = value["case"].as_str().ok_or_else(|| bad(&"the line names no case"))?.to_owned();
+        Ok((id, serde_json::from_value(value).map_err(|e| bad(&e))?))
+    };
+    whole.lines().enumerate().map(line).collect()
+}
+
+fn append(path: &Path, line: &serde_json::Value) -> Result<(), String> {
+    let file = std::fs::OpenOptions::new().create(true).append(true).open(path);
+    file.and_then(|mut file| file.write_all(format!("{line}\n").as_bytes()))
+        .map_err(|e| format!("cannot write {}: {e}", path.display()))
+}
+
 fn run() -> Result<(), String> {
     let arguments = arguments()?;
     rayon::ThreadPoolBuilder::new().num_threads(arguments.jobs).build_global().map_err(|e| e.to_string())?;
@@ -62,7 +89,9 @@ fn run() -> Result<(), String> {
     }
     let labels = load::labels(&arguments.folder)?;
     let settings = Settings { seed: arguments.seed, ..Settings::default() };
-    let mut results: Vec<(String, Discovery)> = Vec::new();
+    let mut results = arguments.out.as_deref().map_or(Ok(Vec::new()), known)?;
+    results.retain(|(id, _)| ids.contains(id));
+    ids.retain(|id| results.iter().all(|(known, _)| known != id));
     let start = Instant::now();
     let mut slowest = 0.0f64;
     for id in &ids {
@@ -76,7 +105,11 @@ fn run() -> Result<(), String> {
         slowest = slowest.max(seconds);
         let mut line = serde_json::to_value(&found).map_err(|e| e.to_string())?;
         line["case"] = id.clone().into();
-        println!("{line}");
+        line["seconds"] = seconds.into();
+        match &arguments.out {
+            Some(path) => append(path, &line)?,
+            None => println!("{line}"),
+        }
         eprintln!("{}", score::line(id, &found, labels.get(id), seconds));
         results.push((id.clone(), found));
     }

@@ -93,19 +93,15 @@ impl Labels {
         self.all["cases"].get(id).is_some()
     }
 
+    /// Whether a case is there of which nobody knows what it shows.
+    pub fn lacks_visibility(&self, id: &str) -> bool {
+        self.has(id) && self.all["cases"][id].get("visibility").is_none()
+    }
+
     /// Enters a case and writes the file.
-    pub fn add(&mut self, planned: &PlannedCase, case: &Case, seen: &Visibility, off: bool) -> Result<(), String> {
+    pub fn add(&mut self, planned: &PlannedCase, case: &Case, off: bool) -> Result<(), String> {
         let named: Vec<Value> = if off { Vec::new() } else { case.hidden.iter().map(|h| json!(h)).collect() };
-        let mut label = json!({
-            "effects": named,
-            "noise": planned.noise,
-            "seed": planned.seed(),
-            "visibility": {
-                "delta_chi2": round(seen.delta_chi2),
-                "left_chi2": round(seen.left_chi2),
-                "band": seen.band(named.is_empty()),
-            },
-        });
+        let mut label = json!({ "effects": named, "noise": planned.noise, "seed": planned.seed() });
         if off {
             label["off_catalogue"] = true.into();
             label["gap"] = json!(case.hidden);
@@ -114,6 +110,22 @@ impl Labels {
             label["hard"] = true.into();
         }
         self.all["cases"][&planned.id] = label;
+        self.write()
+    }
+
+    /// Enters what a case shows and writes the file.
+    pub fn see(&mut self, id: &str, seen: &Visibility) -> Result<(), String> {
+        let label = &mut self.all["cases"][id];
+        let nothing = label["effects"].as_array().is_none_or(Vec::is_empty);
+        label["visibility"] = json!({
+            "delta_chi2": round(seen.delta_chi2),
+            "left_chi2": round(seen.left_chi2),
+            "band": seen.band(nothing),
+        });
+        self.write()
+    }
+
+    fn write(&self) -> Result<(), String> {
         let text = serde_json::to_string_pretty(&self.all).map_err(|e| e.to_string())?;
         put(&self.path, &(text + "\n"))
     }

@@ -1,8 +1,10 @@
 //! Makes folders of test patients with known hidden effects, in the patient format, with `labels.json`:
-//! `validation FOLDER [--model other|same] [--nulls N] [--singles N] [--doubles N] [--off N] [--seed N] [--jobs N]`.
+//! `validation FOLDER [--model other|same] [--nulls N] [--singles N] [--doubles N] [--off N] [--seed N] [--jobs N]
+//! [--no-visibility]`.
 //!
 //! `other` is the independent closed loop of `solver/validation`, `same` the model that is fitted (inverse crime, and
-//! labelled so). Cases that the folder has already are kept: a command that was stopped goes on.
+//! labelled so). Cases that the folder has already are kept: a command that was stopped goes on. The visibility of each case,
+//! which takes fits, is entered last, or left to a later call.
 
 mod folder;
 #[path = "../evaluate/load.rs"]
@@ -11,7 +13,7 @@ mod load;
 mod self_consistent;
 mod visibility;
 
-use cardiotwin_validation::{Case, Plan, PlannedCase};
+use cardiotwin_validation::{Plan, PlannedCase};
 use rayon::prelude::*;
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -23,6 +25,7 @@ struct Arguments {
     sets: Vec<(Plan, usize)>,
     seed: u64,
     jobs: usize,
+    visibility: bool,
 }
 
 fn arguments() -> Result<Arguments, String> {
@@ -30,8 +33,13 @@ fn arguments() -> Result<Arguments, String> {
     let usage =
         "usage: validation FOLDER [--model other|same] [--nulls N] [--singles N] [--doubles N] [--off N] [--seed N]";
     let folder = all.next().ok_or(usage)?;
-    let mut parsed = Arguments { folder: folder.into(), same: false, sets: Vec::new(), seed: 1, jobs: 2 };
+    let mut parsed =
+        Arguments { folder: folder.into(), same: false, sets: Vec::new(), seed: 1, jobs: 2, visibility: true };
     while let Some(flag) = all.next() {
+        if flag == "--no-visibility" {
+            parsed.visibility = false;
+            continue;
+        }
         let value = all.next().ok_or(format!("{flag} needs a value"))?;
         let number = || value.parse::<usize>().map_err(|e| format!("{flag} {value}: {e}"));
         match flag.as_str() {
@@ -68,21 +76,25 @@ fn run() -> Result<(), String> {
         .flat_map(|(plan, n)| plan.cases(*n, arguments.seed).into_iter().map(|c| (c, plan.is_off_catalogue())))
         .collect();
     let labels = Mutex::new(folder::Labels::open(&arguments.folder, arguments.same, arguments.seed)?);
-    let wanted: Vec<&(PlannedCase, bool)> = {
-        let known = labels.lock().expect("no thread has panicked");
-        planned.iter().filter(|(case, _)| !known.has(&case.id)).collect()
-    };
+    let make = |planned: &PlannedCase| if arguments.same { self_consistent::make(planned) } else { planned.make() };
+    let known = |id: &str| labels.lock().expect("no thread has panicked").has(id);
+    let wanted: Vec<&(PlannedCase, bool)> = planned.iter().filter(|(case, _)| !known(&case.id)).collect();
     wanted.par_iter().try_for_each(|(planned, off)| {
-        let made: Option<Case> = if arguments.same { self_consistent::make(planned) } else { planned.make() };
-        let Some(case) = made else {
+        let Some(case) = make(planned) else {
             eprintln!("{}: no plausible patient has {:?}; left out", planned.id, planned.effects);
             return Ok(());
         };
         folder::write(&arguments.folder, &planned.id, &case)?;
-        let seen = visibility::of(&case);
-        eprintln!("{} {:?} {seen:?}", planned.id, case.hidden.iter().map(|h| h.effect).collect::<Vec<_>>());
-        labels.lock().expect("no thread has panicked").add(planned, &case, &seen, *off)
+        labels.lock().expect("no thread has panicked").add(planned, &case, *off)
     })?;
     eprintln!("{} cases made, {} there before", wanted.len(), planned.len() - wanted.len());
-    Ok(())
+    let unseen = |id: &str| labels.lock().expect("no thread has panicked").lacks_visibility(id);
+    let wanted: Vec<&(PlannedCase, bool)> =
+        planned.iter().filter(|(case, _)| arguments.visibility && unseen(&case.id)).collect();
+    wanted.par_iter().try_for_each(|(planned, _)| {
+        let Some(case) = make(planned) else { return Ok(()) };
+        let seen = visibility::of(&case);
+        eprintln!("{} {seen:.1?}", planned.id);
+        labels.lock().expect("no thread has panicked").see(&planned.id, &seen)
+    })
 }

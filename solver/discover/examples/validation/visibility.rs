@@ -15,7 +15,7 @@ use cardiotwin_validation::{Case, Side};
 pub struct Visibility {
     /// Fall of the misfit when the right effects are added; the side data and priors included.
     pub delta_chi2: f64,
-    /// Misfit that is left: what the fitted model lacks beside the effects.
+    /// Misfit of the data that is left: what the fitted model lacks beside the effects.
     pub left_chi2: f64,
 }
 
@@ -79,5 +79,8 @@ pub fn of(case: &Case) -> Visibility {
             with = add_term(&problem, &with, term, &settings).filter(|f| total(f) < total(&with)).unwrap_or(with);
         }
     }
-    Visibility { delta_chi2: total(&base) - total(&with), left_chi2: total(&with) }
+    Visibility {
+        delta_chi2: total(&base) - total(&with),
+        left_chi2: with.misfit.pressure + with.misfit.volume + with.misfit.side,
+    }
 }
