@@ -12,10 +12,10 @@ BIN := $(if $(CARGO_TARGET_DIR),$(CARGO_TARGET_DIR),target)/release
 # The whole workspace is always selected, so that demo, tests and benchmarks share one set of compiled dependencies.
 BUILD := $(CARGO) build --release --locked --workspace --bins
 
-.PHONY: help deps deps-demo build demo test bench work-precision clean-run
+.PHONY: help deps deps-demo build demo test bench work-precision evaluate-discover clean-run
 
 help: ## print this list
-	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "  make %-15s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "  make %-18s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
 deps: ## install what build and tests need and this machine lacks (Debian, with root or sudo); says what
 	@deploy/deps.sh test
@@ -46,6 +46,17 @@ work-precision: ## measure and draw docs/images/work-precision.svg beside SciPy'
 	test -x $(PYTHON_ENV)/bin/python || python3 -m venv $(PYTHON_ENV)
 	$(PYTHON_ENV)/bin/pip install --quiet --requirement solver/cell-engine/reference/requirements.txt
 	PYTHONDONTWRITEBYTECODE=1 $(PYTHON_ENV)/bin/python -W ignore solver/cell-engine/reference/work_precision.py
+
+EVALUATION := $(if $(CARGO_TARGET_DIR),$(CARGO_TARGET_DIR),target)/evaluate-discover
+JOBS ?= 2
+EXAMPLE := $(CARGO) run --release --locked --quiet --package cardiotwin-discover --example
+evaluate-discover: ## search the made patients of docs/missing-effects.md and draw its pictures (hours; goes on where it stopped)
+	$(EXAMPLE) validation -- $(EVALUATION)/other --nulls 40 --singles 64 --doubles 10 --off 6 --seed 2 --jobs $(JOBS)
+	$(EXAMPLE) validation -- $(EVALUATION)/same --model same --nulls 20 --singles 64 --seed 2 --jobs $(JOBS)
+	$(EXAMPLE) evaluate -- $(EVALUATION)/other --out $(EVALUATION)/other.jsonl --jobs $(JOBS)
+	$(EXAMPLE) evaluate -- $(EVALUATION)/same --out $(EVALUATION)/same.jsonl --jobs $(JOBS)
+	$(EXAMPLE) figures -- docs/images "another formulation=$(EVALUATION)/other=$(EVALUATION)/other.jsonl" \
+		"the fitted model=$(EVALUATION)/same=$(EVALUATION)/same.jsonl"
 
 clean-run: ## forget the results of the bundled cohort, so that `make demo` starts anew
 	rm -rf -- $(COHORT)/run

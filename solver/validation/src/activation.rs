@@ -1,19 +1,25 @@
-//! Activation of a chamber: product of two Hill functions of the time since its onset.
+//! Activation of a chamber: a Hill function of the time since its onset that rises, a cosine that lets go.
 //!
-//! Stergiopulos, Meister and Westerhof 1996, Am J Physiol 270:H2050: e(t) = k g₁/(1 + g₁) · 1/(1 + g₂), gᵢ = (t/τᵢ)^mᵢ.
+//! Rise g/(1 + g), g = (t/τ)^m, as in Stergiopulos, Meister and Westerhof 1996 (Am J Physiol 270:H2050), whose second Hill
+//! function has a tail as slow muscle has; the fall ½ (1 + cos(π (t − t_f)/T_f))^q, a cosine as in Regazzoni et al.
+//! 2022 (J Comput Phys 457:111083), ends, so that a heart that lacks nothing relaxes without one.
+
+use std::f64::consts::PI;
 
 /// A twitch, its peak scaled to one.
 #[derive(Debug, Clone, PartialEq)]
-pub struct DoubleHill {
+pub struct Twitch {
+    /// Time constant \[ms\] and exponent of the rise.
     rise: (f64, f64),
-    fall: (f64, f64),
+    /// Begin \[ms\], duration \[ms\] and exponent of the fall.
+    fall: (f64, f64, f64),
     scale: f64,
 }
 
-impl DoubleHill {
-    /// From time constants \[ms\] and exponents of rise and fall.
+impl Twitch {
+    /// From time constant \[ms\] and exponent of the rise; begin \[ms\], duration \[ms\] and exponent of the fall.
     #[must_use]
-    pub fn new(rise: (f64, f64), fall: (f64, f64)) -> Self {
+    pub fn new(rise: (f64, f64), fall: (f64, f64, f64)) -> Self {
         let mut twitch = Self { rise, fall, scale: 1.0 };
         let peak = (0..2000).map(|t| twitch.at(f64::from(t))).fold(0.0, f64::max);
         twitch.scale = 1.0 / peak;
@@ -23,12 +29,19 @@ impl DoubleHill {
     /// Value at a time since onset \[ms\].
     #[must_use]
     pub fn at(&self, t_ms: f64) -> f64 {
-        if t_ms <= 0.0 {
+        let (begin, duration, exponent) = self.fall;
+        if t_ms <= 0.0 || t_ms >= begin + duration {
             return 0.0;
         }
-        let g1 = (t_ms / self.rise.0).powf(self.rise.1);
-        let g2 = (t_ms / self.fall.0).powf(self.fall.1);
-        self.scale * g1 / (1.0 + g1) / (1.0 + g2)
+        let g = (t_ms / self.rise.0).powf(self.rise.1);
+        let x = ((t_ms - begin) / duration).max(0.0);
+        self.scale * g / (1.0 + g) * (0.5 * (1.0 + (PI * x).cos())).powf(exponent)
+    }
+
+    /// When the fall is half done \[ms\].
+    #[must_use]
+    pub fn half_fall_ms(&self) -> f64 {
+        self.fall.0 + 0.5 * self.fall.1
     }
 }
 
@@ -49,7 +62,7 @@ const LATE_GROUPS: [f64; 5] = [0.7, 0.85, 1.0, 1.15, 1.3];
 impl Course {
     /// Values at the begin of each of `n` steps over a cycle, periodic; `onset_ms` after time zero.
     #[must_use]
-    pub fn table(&self, twitch: &DoubleHill, onset_ms: f64, cycle_ms: f64, n: usize) -> Vec<f64> {
+    pub fn table(&self, twitch: &Twitch, onset_ms: f64, cycle_ms: f64, n: usize) -> Vec<f64> {
         let step = cycle_ms / n as f64;
         let whole = |since: f64| {
             let mut e = twitch.at(since);
@@ -87,8 +100,8 @@ impl Course {
 mod tests {
     use super::*;
 
-    fn twitch() -> DoubleHill {
-        DoubleHill::new((220.0, 1.8), (360.0, 22.0))
+    fn twitch() -> Twitch {
+        Twitch::new((150.0, 1.8), (270.0, 150.0, 1.0))
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! The closed loop: left ventricle, aorta and arteries, veins, right ventricle, lungs, left atrium.
 
-use crate::activation::{Course, DoubleHill};
+use crate::activation::{Course, Twitch};
 use crate::valve::{Valve, ValveState};
 
 /// Flow through an orifice of 1 cm² under 1 mmHg \[mL/s\]: √(2/ρ).
@@ -38,7 +38,7 @@ pub struct LeftVentricle {
     /// Share of the right ventricle's pressure that the septum hands on.
     pub septal_share: f64,
     /// Twitch.
-    pub twitch: DoubleHill,
+    pub twitch: Twitch,
     /// Course of the activation.
     pub course: Course,
 }

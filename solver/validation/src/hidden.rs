@@ -182,8 +182,7 @@ impl Hidden {
             }
             "septal_interaction" => heart.left.septal_share = self.value("septal_share"),
             _ => {
-                let systole = (heart.cycle_ms as f64 / 850.0).sqrt();
-                let at = 360.0 * systole + self.value("after_fall_ms");
+                let at = heart.left.twitch.half_fall_ms() + self.value("after_fall_ms");
                 let course = Course { after_contraction: Some((self.value("height"), at, 25.0)), ..Course::default() };
                 heart.left.course = course;
             }

@@ -1,6 +1,6 @@
 //! Test patients with known hidden effects, from another formulation than the model that is fitted to them.
 //!
-//! A closed loop of four chambers: ventricles by time-varying elastance with a double-Hill activation and a curved
+//! A closed loop of four chambers: ventricles by time-varying elastance with a Hill-and-cosine activation and a curved
 //! end-systolic relation, an atrium of its own, valves with inertia, an aorta of two compartments, veins and lungs. Nothing
 //! of the fitted model is imported, and each effect is written anew in terms of this one: where both agree, it is not
 //! because they share code. Pure: seeds in, arrays and labels out.

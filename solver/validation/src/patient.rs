@@ -1,6 +1,6 @@
 //! Random hearts within physiological ranges.
 
-use crate::activation::{Course, DoubleHill};
+use crate::activation::{Course, Twitch};
 use crate::circulation::{Beat, Heart, LeftVentricle};
 use crate::random::Random;
 use crate::valve::Valve;
@@ -16,8 +16,10 @@ pub fn draw(random: &mut Random) -> Heart {
     let compliance = random.log_between(0.9, 2.4);
     let root = random.between(0.03, 0.1);
     let wanted = (atrium, random.between(80.0, 106.0));
-    let rise = (random.between(110.0, 180.0) * systole, random.between(1.6, 2.4));
-    let fall = (random.between(320.0, 390.0) * systole, random.between(24.0, 34.0));
+    let rise = (random.between(100.0, 170.0) * systole, random.between(1.3, 2.0));
+    let fall_ms = random.between(110.0, 165.0);
+    let middle_ms = random.between(325.0, 385.0) * systole;
+    let fall = (middle_ms - 0.5 * fall_ms, fall_ms, random.between(0.6, 0.95));
     let unloaded_share = random.between(0.28, 0.45);
     let passive_power = random.between(1.8, 3.0);
     let left = LeftVentricle {
@@ -32,7 +34,7 @@ pub fn draw(random: &mut Random) -> Heart {
         passive_exponent: passive_power / (1.0 - unloaded_share),
         maxwell: None,
         septal_share: 0.0,
-        twitch: DoubleHill::new(rise, fall),
+        twitch: Twitch::new(rise, fall),
         course: Course::default(),
     };
     let valve = |open_cm2: f64, resistance: f64| Valve {
