@@ -48,8 +48,8 @@ const PAIRS: [[&str; 2]; 10] = [
 const NOISE: [f64; 3] = [1.0, 0.5, 2.0];
 
 impl Plan {
-    /// The first `n` cases of the set with this seed. Singles go through all effects at one level before the next level,
-    /// and through all levels before the next noise: any beginning of the list is balanced.
+    /// The first `n` cases of the set with this seed. Singles go through all effects at one level before the next level, with
+    /// each noise in turn: any beginning of the list is balanced, and 192 have each combination once.
     #[must_use]
     pub fn cases(self, n: usize, seed: u64) -> Vec<PlannedCase> {
         let (prefix, stream) = match self {
@@ -66,7 +66,10 @@ impl Plan {
                         let round = i / NAMES.len();
                         // Middle levels first.
                         let level = [2, 1, 3, 0][round % 4];
-                        (vec![(NAMES[i % NAMES.len()].0, level)], NOISE[round / 4 % NOISE.len()])
+                        (
+                            vec![(NAMES[i % NAMES.len()].0, level)],
+                            NOISE[(i % NAMES.len() + round + round / 12) % NOISE.len()],
+                        )
                     }
                     Self::Doubles => {
                         let level = 2 + i / PAIRS.len() % 2;
@@ -115,6 +118,8 @@ mod tests {
         let singles = Plan::Singles.cases(192, 7);
         let of = |name: &str| singles.iter().filter(|c| c.effects[0].0 == name).count();
         assert!(NAMES.iter().all(|(name, ..)| of(name) == 12));
+        let kinds: BTreeSet<_> = singles.iter().map(|c| (&c.effects, (10.0 * c.noise) as u8)).collect();
+        assert_eq!(kinds.len(), 192);
         let first: BTreeSet<_> = singles[..16].iter().map(|c| c.effects[0].0).collect();
         assert_eq!(first.len(), 16);
         let all = [Plan::Nulls, Plan::Singles, Plan::Doubles, Plan::OffCatalogue];

@@ -106,7 +106,7 @@ impl Frame {
 pub fn draw(sets: &[Set]) -> String {
     let (columns, w, h) = (4, 180.0, 110.0);
     let rows = NAMES.len().div_ceil(columns);
-    let mut svg = Svg::new(60.0 + columns as f64 * (w + 50.0), 330.0 + rows as f64 * (h + 62.0) + 20.0);
+    let mut svg = Svg::new(60.0 + columns as f64 * (w + 50.0), 345.0 + rows as f64 * (h + 62.0) + 20.0);
     svg.text(
         (14.0, 22.0),
         15.0,
@@ -130,8 +130,8 @@ pub fn draw(sets: &[Set]) -> String {
     }
     for (b, (name, low)) in BANDS.iter().enumerate() {
         let (x, y) = wide.at((b as f64 + 0.5) / 4.0, 0.0);
-        let from = if b == 0 { "below 20".to_owned() } else { format!("from {low}") };
-        svg.text((x, y + 15.0), 11.0, Anchor::Middle, 0.0, &format!("{name}: {from}"));
+        let from = if b == 0 { "< 20".to_owned() } else { format!("≥ {low}") };
+        svg.text((x, y + 15.0), 11.0, Anchor::Middle, 0.0, &format!("{name} ({from})"));
     }
     for (k, set) in sets.iter().enumerate() {
         let colour = COLOURS[k % COLOURS.len()];
@@ -150,7 +150,7 @@ pub fn draw(sets: &[Set]) -> String {
     }
     for (e, (name, smallest, levels)) in NAMES.iter().enumerate() {
         let frame =
-            Frame { x: 50.0 + (e % columns) as f64 * (w + 50.0), y: 330.0 + (e / columns) as f64 * (h + 62.0), w, h };
+            Frame { x: 50.0 + (e % columns) as f64 * (w + 50.0), y: 345.0 + (e / columns) as f64 * (h + 62.0), w, h };
         frame.draw(&mut svg, &name.replace('_', " "));
         let x = |level: usize| (level as f64 + 0.5) / 4.0;
         for (level, size) in levels.iter().enumerate() {
@@ -177,7 +177,7 @@ pub fn draw(sets: &[Set]) -> String {
         12.0,
         Anchor::Start,
         0.0,
-        "by strength, in multiples of the smallest meaningful one (all noise levels together)",
+        "by strength, in multiples of the smallest meaningful one (all noise together)",
     );
     svg.finish()
 }

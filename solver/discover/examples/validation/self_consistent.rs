@@ -16,12 +16,12 @@ const SPREAD: f64 = 0.7;
 
 /// The case: base values around the priors of a patient of the other model, effects at the same levels and noise as there.
 pub fn make(planned: &PlannedCase) -> Option<Case> {
+    // Only the frame comes from there: cycle length, frames, size.
+    let frame = Case::draw(planned.seed(), &[], planned.noise)?;
+    let template: Measured = noise_free(&frame);
+    let model = Reduced::new(&template);
     (0..TRIES).find_map(|attempt| {
         let mut random = Random::new(planned.seed(), 1000 + attempt);
-        // Only the frame comes from there: cycle length, frames, size.
-        let frame = Case::draw(planned.seed() ^ (attempt << 40), &[], planned.noise)?;
-        let template: Measured = noise_free(&frame);
-        let model = Reduced::new(&template);
         let base: Vec<f64> = (model.base().iter())
             .map(|p| p.value((SPREAD * random.normal()).clamp(p.z_bounds().0, p.z_bounds().1)))
             .collect();
