@@ -159,7 +159,36 @@ pub struct OrganBeatResult {
     pub counters: BTreeMap<String, f64>,
 }
 
+/// Ending of the names of the checks that a valve opened and closed, for example `aortic valve opened and closed`.
+const OF_A_VALVE: &str = " valve opened and closed";
+
+impl std::fmt::Display for Check {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{}: found {}, expected {}", self.name, self.found, self.expected)
+    }
+}
+
+impl Check {
+    /// Whether it says that a valve opened and closed.
+    #[must_use]
+    pub fn is_of_a_valve(&self) -> bool {
+        self.name.ends_with(OF_A_VALVE)
+    }
+}
+
 impl OrganBeatResult {
+    /// The first check that does not hold of those without which the simulation cannot be believed: all but the valves'.
+    #[must_use]
+    pub fn failed_simulation(&self) -> Option<&Check> {
+        self.checks.iter().find(|check| !check.passed && !check.is_of_a_valve())
+    }
+
+    /// The first valve that did not open and close: no whole beat.
+    #[must_use]
+    pub fn failed_valve(&self) -> Option<&Check> {
+        self.checks.iter().find(|check| !check.passed && check.is_of_a_valve())
+    }
+
     /// The first check that does not hold.
     #[must_use]
     pub fn failed_check(&self) -> Option<&Check> {

@@ -304,6 +304,9 @@ pub struct TargetError {
     pub to_perturbed: Moments,
     /// Of each sample to the measured value.
     pub to_measured: Moments,
+    /// Samples that miss their perturbed target by more than two points of percent beyond the original's error.
+    #[serde(default)]
+    pub beyond: Vec<PatientId>,
 }
 
 /// A condition on the result.

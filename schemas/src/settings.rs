@@ -227,7 +227,7 @@ pub struct CellFitSettings {
     pub recombination: f64,
     /// Batch or immediate.
     pub updating: Updating,
-    /// Gradient polish at the end.
+    /// Local gradient searches at the end, from the best member.
     pub polish: bool,
     /// After the fit: for each parameter the interval of values with which a cost nearly as low is reached.
     pub identifiability: bool,

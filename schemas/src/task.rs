@@ -65,7 +65,7 @@ impl TaskSpec {
     #[must_use]
     pub fn model_version(&self) -> u32 {
         match self {
-            Self::CellFit(_) => 2,
+            Self::CellFit(_) => 3,
             Self::PassiveState(_)
             | Self::OrganBeat(_)
             | Self::Targets(_)

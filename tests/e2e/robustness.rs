@@ -5,7 +5,9 @@ use serde_json::Value;
 
 use crate::support::{Cohort, published};
 
-const DATA: [&str; 8] = ["sweep", "robustness", "--kind", "data", "--patient", "02-CoA", "--samples", "2"];
+/// Step 1 by the paper's rule, as in a cohort's own run.
+const PAPER: [&str; 6] = ["sweep", "robustness", "--kind", "data", "--set", "step1.stop=first-converged"];
+const DATA: [&str; 4] = ["--patient", "02-CoA", "--samples", "2"];
 const FOLDER: &str = "sweeps/robustness-data";
 
 fn quantity<'a>(result: &'a Value, table: &str, name: &str) -> &'a Value {
@@ -20,7 +22,7 @@ fn uncertain_data_spread_into_tables_and_the_original_is_the_patients_own() {
     cohort.call(&["run", "--no-report", "--patient", "02-CoA"]).expect(0);
     let own = published(&cohort.patient("02-CoA"));
 
-    let result = cohort.call(&[&DATA[..], &["--seeds", "1", "--json"]].concat()).json();
+    let result = cohort.call(&[&PAPER[..], &DATA, &["--seeds", "1", "--json"]].concat()).json();
     let members = result["patients"][0]["members"].as_array().unwrap();
     let ids: Vec<&str> = members.iter().map(|m| m["id"].as_str().unwrap()).collect();
     assert_eq!(ids, ["02-CoA.base", "02-CoA.d01", "02-CoA.d02", "02-CoA.s01"]);
@@ -53,11 +55,14 @@ fn uncertain_data_spread_into_tables_and_the_original_is_the_patients_own() {
     }
 
     // Again: nothing is computed, the same is said; another design is refused, more seeds are not.
-    let again = cohort.call(&[&DATA[..4], &["--json"]].concat());
+    let again = cohort.call(&[&PAPER[..], &["--json"]].concat());
     assert!(again.err.contains("0 tasks published"), "{}", again.err);
     assert_eq!(again.json(), result);
-    cohort.call(&[&DATA[..6], &["--samples", "3"]].concat()).expect(2).complains_of(&["--samples 2 then, 3 now"]);
-    let more = cohort.call(&[&DATA[..4], &["--seeds", "2"]].concat()).expect(0);
+    cohort
+        .call(&[&PAPER[..], &DATA[..2], &["--samples", "3"]].concat())
+        .expect(2)
+        .complains_of(&["--samples 2 then, 3 now"]);
+    let more = cohort.call(&[&PAPER[..], &["--seeds", "2"]].concat()).expect(0);
     assert!(more.out.contains("02-CoA") && more.err.contains("2 tasks published"), "{}", more.err);
     cohort.call(&["sweep", "robustness", "--kind", "guess", "--out", FOLDER]).expect(2).complains_of(&["kind data"]);
     cohort.call(&["sweep", "robustness", "--kind", "guess", "--range", "1.5"]).expect(2).complains_of(&["--range"]);
@@ -83,9 +88,51 @@ fn guesses_of_both_steps_are_varied() {
 }
 
 #[test]
+fn a_guess_whose_first_beats_open_no_valve_reaches_the_end() {
+    let cohort = Cohort::quick();
+    let weak = ["--set", "step1.initial.t_CR_ms=285", "--set", "step1.initial.Smax_ref_kPa=54"];
+    cohort.call(&[&["run", "--no-report", "--patient", "02-CoA"][..], &weak].concat()).expect(0);
+    let record = cohort.patient("02-CoA");
+    let first = &record["iterations"][0];
+    let checks = first["run"]["result"]["checks"].as_array().unwrap();
+    assert!(checks.iter().any(|check| check["passed"] == false), "{checks:?}");
+    assert!(first["cost"].as_f64().unwrap() > 2.0 && first["failure"].is_null(), "{first}");
+    let shown = cohort.call(&["show", "02-CoA"]).expect(0).out;
+    assert!(shown.contains("step 1 converged"), "{shown}");
+    assert!(shown.contains("no whole beat: ") && shown.contains("valve opened and closed, found 0"), "{shown}");
+}
+
+#[test]
+fn the_sweeps_commands_serve_its_folder() {
+    let cohort = Cohort::quick();
+    let sweep = ["sweep", "robustness", "--kind", "data", "--patient", "02-CoA", "--samples", "1"];
+    let result = cohort.call(&[&sweep[..], &["--json"]].concat()).json();
+    // Step 1 goes on beyond the first iterate within the tolerance.
+    let original = &result["patients"][0]["members"][0];
+    assert!(original["step1_iterations"].as_u64().unwrap() > 10, "{original}");
+    assert!(original["step1_cost"].as_f64().unwrap() < 1e-3, "{original}");
+    let status = cohort.call(&["sweep", "status", FOLDER, "--json"]).json();
+    assert_eq!(
+        (&status["kind"], &status["over"], &status["members"]["done"]),
+        (&"robustness".into(), &"data".into(), &2.into())
+    );
+    let said = cohort.call(&["sweep", "status", FOLDER]).expect(0).out;
+    assert!(said.starts_with("robustness, data: 1 patient; personalisations: 2 done; no coordinator"), "{said}");
+    assert_eq!(cohort.call(&["sweep", "show", FOLDER, "--json"]).json(), result);
+    let shown = cohort.call(&["sweep", "show", FOLDER]).expect(0).out;
+    assert!(shown.contains("step1-parameters (Table 3)"), "{shown}");
+    let page = cohort.path().join(FOLDER).join("results/robustness.html");
+    std::fs::remove_file(&page).unwrap();
+    assert!(cohort.call(&["sweep", "report", FOLDER]).expect(0).out.contains("robustness.html"));
+    assert!(std::fs::metadata(&page).unwrap().len() > 200);
+    let rows = cohort.call(&["status", FOLDER]).expect(0).out;
+    assert!(rows.starts_with("MEMBER ") && rows.contains("02-CoA.d01"), "{rows}");
+}
+
+#[test]
 fn an_interrupted_sweep_shows_what_is_there_and_repeats_nothing() {
     let cohort = Cohort::slow();
-    let running = cohort.start_command(&[&DATA[..], &["--workers", "1"]].concat());
+    let running = cohort.start_command(&[&PAPER[..], &DATA, &["--workers", "1"]].concat());
     cohort.wait_for_step_of_run(FOLDER, "step-2");
     running.signal(Signal::KILL);
     running.end().expect(-1);
@@ -94,14 +141,14 @@ fn an_interrupted_sweep_shows_what_is_there_and_repeats_nothing() {
     let before = ids.map(|id| published(&show(id)));
     assert!(before[0].len() >= 3, "{before:?}");
 
-    let partial = cohort.call(&[&DATA[..4], &["--results-only", "--json"]].concat()).json();
+    let partial = cohort.call(&[&PAPER[..], &["--results-only", "--json"]].concat()).json();
     let patient = &partial["patients"][0];
     assert_eq!(patient["conditions"][0]["passed"], Value::Null, "still open");
     assert!(patient["members"][0]["values"]["step1-parameters"].is_object());
     assert!(patient["members"][0]["values"]["step2-parameters"].is_null());
 
     cohort.edit("cohort.toml", "max_generations = 1000000", "max_generations = 1");
-    let whole = cohort.call(&[&DATA[..4], &["--json"]].concat()).json();
+    let whole = cohort.call(&[&PAPER[..], &["--json"]].concat()).json();
     assert_eq!(whole["patients"][0]["conditions"][0]["passed"], true);
     for (id, before) in ids.iter().zip(before) {
         let after = published(&show(id));

@@ -8,6 +8,7 @@ use cardiotwin_schemas::settings::{CellFitSettings, Step1Settings};
 use cardiotwin_schemas::task::TaskSpec;
 use cardiotwin_worker::context::Context;
 use cardiotwin_worker::nodal;
+use cardiotwin_worker::run::simulate;
 use cardiotwin_worker::tasks::run_task;
 
 /// A fit that ends soon: the chain is tested here, the optimum in the benchmarks.
@@ -91,6 +92,24 @@ fn what_a_patient_lacks_is_estimated_and_said() {
         panic!("not a beat")
     };
     assert_eq!(result.failed_check(), None);
+}
+
+#[test]
+fn a_weak_beat_opens_no_valve_and_is_a_simulation_all_the_same() {
+    let scratch = tempfile::tempdir().unwrap();
+    let mut context = Context::plain(scratch.path(), 1);
+    let step0 = support::step0("07-CoA");
+    let state = support::passive_state(&step0, &mut context);
+    let weak = cardiotwin_schemas::organ::TanhParameters { smax_ref_kpa: 30.0, ..Default::default() };
+    let contraction = ContractionSpec::Tanh { parameters: weak };
+    let beat = support::beat_spec(step0.cycle_length_ms, &state, &Default::default(), contraction);
+    let outcome = simulate(&TaskSpec::OrganBeat(Box::new(beat)), context);
+    let Ending::Succeeded { result } = outcome.ending else { panic!("{:?}", outcome.ending) };
+    let TaskResult::OrganBeat(beat) = *result else { panic!("not a beat") };
+    assert_eq!(beat.checks.iter().filter(|check| check.is_of_a_valve()).count(), 2, "{:?}", beat.checks);
+    assert_eq!(beat.failed_simulation(), None);
+    assert_eq!(beat.failed_valve().unwrap().name, "aortic valve opened and closed");
+    assert!(beat.biomarkers.p_max_mmhg.unwrap() < 70.0 && beat.biomarkers.ptd90_ms.is_some());
 }
 
 #[test]

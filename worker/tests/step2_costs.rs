@@ -23,17 +23,18 @@ fn fit(case: &Case, settings: CellFitSettings, instruction_set: InstructionSet) 
 }
 
 fn stand_ins() -> Vec<Case> {
-    cases().into_iter().filter(|case| case.lowest_cost.is_some()).collect()
+    cases().into_iter().filter(|case| case.reference_cost.is_some()).collect()
 }
 
 #[test]
-fn costs_are_at_most_five_percent_above_the_lowest_known_and_the_references() {
+fn costs_are_no_higher_than_the_references() {
     let cases = stand_ins();
-    assert_eq!(cases.len(), 4);
+    assert_eq!(cases.len(), 7);
     for case in cases {
         let result = fit(&case, CellFitSettings::default(), InstructionSet::Auto);
-        let known = [case.reference_cost, case.lowest_cost].into_iter().flatten();
-        known.for_each(|known| assert!(result.cost <= 1.05 * known, "{}: {} against {known}", case.name, result.cost));
+        let reference = case.reference_cost.unwrap();
+        // Half a percent for the two implementations' own errors and the ends of two searches.
+        assert!(result.cost <= 1.005 * reference, "{}: {} against {reference}", case.name, result.cost);
         assert!(result.converged, "{}", case.name);
         assert!((result.cost_terms.values().sum::<f64>() - result.cost).abs() < 1e-9, "{:?}", result.cost_terms);
     }
@@ -45,7 +46,7 @@ fn every_strategy_and_the_portable_lanes_find_02s_stand_in() {
     for strategy in [Strategy::DifferentialEvolution, Strategy::LShade, Strategy::CmaEs] {
         let settings = CellFitSettings { strategy, identifiability: false, ..CellFitSettings::default() };
         let result = fit(case, settings, InstructionSet::Portable);
-        assert!(result.cost <= 1.05 * case.lowest_cost.unwrap(), "{strategy:?}: {}", result.cost);
+        assert!(result.cost <= 1.05 * case.reference_cost.unwrap(), "{strategy:?}: {}", result.cost);
         assert_eq!(result.identifiability, None);
     }
 }

@@ -113,7 +113,7 @@ fn sweep_exit(error: &SweepError) -> Exit {
         | SweepError::Setting { .. } => Exit::Usage,
         SweepError::Design(_) => Exit::Input,
         SweepError::Format { .. } | SweepError::Samples { .. } => Exit::Store,
-        SweepError::Sobol(_) | SweepError::TooEarly { .. } => Exit::Problems,
+        SweepError::Sobol(_) | SweepError::TooEarly { .. } | SweepError::Empty { .. } => Exit::Problems,
         SweepError::File { .. } => Exit::System,
     }
 }

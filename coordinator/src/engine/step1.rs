@@ -3,10 +3,11 @@
 use std::collections::BTreeMap;
 
 use cardiotwin_calibrate::fixed_point::{
-    self, Bounds, Cost, Damping, PARAMETERS, Parameter, Parameters, Settings, Stop,
+    self, Bounds, Cost, Damping, Outcome, PARAMETERS, Parameter, Parameters, Settings, Stop,
 };
 use cardiotwin_schemas::biomarkers::Biomarkers;
 use cardiotwin_schemas::organ::Step1Parameters;
+use cardiotwin_schemas::outcome::OrganBeatResult;
 use cardiotwin_schemas::settings::{Step1Settings, StopRule};
 
 /// The biomarkers that step 1 looks at.
@@ -18,6 +19,15 @@ pub fn biomarkers(b: &Biomarkers) -> fixed_point::Biomarkers {
         ptd90_ms: b.ptd90_ms,
         tau_vd_ms: b.tau_vd_ms,
         tau_vr_ms: b.tau_vr_ms,
+    }
+}
+
+/// What a simulation tells step 1. Without a whole beat pressure alone counts: hardly any volume has moved.
+pub fn outcome(beat: &OrganBeatResult) -> Outcome {
+    let found = biomarkers(&beat.biomarkers);
+    match beat.failed_valve() {
+        None => Outcome::Simulated(found),
+        Some(_) => Outcome::NoWholeBeat(fixed_point::Biomarkers { tau_vd_ms: None, tau_vr_ms: None, ..found }),
     }
 }
 

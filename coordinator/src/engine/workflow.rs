@@ -240,17 +240,21 @@ impl<'a> Derivation<'a, '_> {
             parameters: *parameters,
             task: key.clone(),
             cost: None,
+            no_whole_beat: false,
             relative_differences: BTreeMap::new(),
         };
         let run = match (self.settled)(&key) {
             None => return Ok(Err(Box::new(Next::Run { step, key, spec: Box::new(spec) }))),
             Some(Settled::Published { result, artefacts, directory }) => {
                 let TaskResult::OrganBeat(beat) = result else { return Err(wrong_kind(step, result)) };
-                let simulated = step1::biomarkers(&beat.biomarkers);
-                let cost = fixed_point::Cost::of(measured, &simulated);
-                iteration.cost = Some(cost.total);
-                iteration.relative_differences = step1::relative_differences(&cost);
-                history.push(fixed_parameters, fixed_point::Outcome::Simulated(simulated));
+                let outcome = step1::outcome(beat);
+                if let fixed_point::Outcome::Simulated(found) | fixed_point::Outcome::NoWholeBeat(found) = &outcome {
+                    let cost = fixed_point::Cost::of(measured, found);
+                    iteration.cost = Some(cost.total);
+                    iteration.relative_differences = step1::relative_differences(&cost);
+                }
+                iteration.no_whole_beat = matches!(outcome, fixed_point::Outcome::NoWholeBeat(_));
+                history.push(fixed_parameters, outcome);
                 Ok(Published { key, result, artefacts, directory })
             }
             // A failed simulation is an answer of the model; any other failure holds the patient.
@@ -274,11 +278,9 @@ impl<'a> Derivation<'a, '_> {
     ) -> Derived<(Published<'a>, Step1Summary)> {
         let last = Step { stage: Stage::Step1, number: runs.len().max(1) as u32 };
         let Some(best) = best else {
-            let why = runs.iter().rev().find_map(|run| run.as_ref().err());
-            let why = why.map_or_else(|| "none lies within the bounds".to_owned(), |f| f.message.clone());
             let failure = Failure {
                 class: FailureClass::Numerics,
-                message: format!("no simulation of step 1 succeeded: {why}"),
+                message: format!("no simulation of step 1 succeeded: {}", why_none(&runs)),
                 remedy: Some("rerun from step1 with other initial values or bounds".into()),
             };
             return Err(Next::Failed { step: last, failure });
@@ -299,7 +301,7 @@ impl<'a> Derivation<'a, '_> {
             first_converged: iterations
                 .iter()
                 .zip(1..)
-                .find(|(i, _)| i.cost.is_some_and(|c| c <= tolerance))
+                .find(|(i, _)| !i.no_whole_beat && i.cost.is_some_and(|c| c <= tolerance))
                 .map(|x| x.1),
             parameters: iterations[best].parameters,
         };
@@ -344,10 +346,24 @@ impl<'a> Derivation<'a, '_> {
         let step = Step::only(Stage::Verification);
         let done = self.result(step, self.beat(step0, contraction, valves))?;
         let TaskResult::OrganBeat(beat) = done.result else { return Err(wrong_kind(step, done.result)) };
+        if let Some(valve) = beat.failed_valve() {
+            return Err(broken(step, FailureClass::Numerics, format!("the fitted cell makes no whole beat: {valve}")));
+        }
         self.chain.verification_cost = Some(step1_cost(&step0.measured, &beat.biomarkers));
         self.chain.verification = Some(done.key);
         Ok(())
     }
+}
+
+/// Why none of step 1's simulations can be the result.
+fn why_none(runs: &[Result<Published<'_>, Failure>]) -> String {
+    let failed = runs.iter().rev().find_map(|run| run.as_ref().err()).map(|failure| failure.message.clone());
+    let shut = || {
+        let last = runs.last()?.as_ref().ok()?;
+        let TaskResult::OrganBeat(beat) = last.result else { return None };
+        Some(format!("after {} iterations still no whole beat, {}", runs.len(), beat.failed_valve()?))
+    };
+    failed.or_else(shut).unwrap_or_else(|| "none lies within the bounds".to_owned())
 }
 
 fn wrong_kind(step: Step, result: &TaskResult) -> Next {

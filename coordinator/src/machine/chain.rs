@@ -45,6 +45,9 @@ pub struct ChainIteration {
     pub task: TaskKey,
     /// Sum of squared relative differences; absent where it failed.
     pub cost: Option<f64>,
+    /// Whether a valve did not open and close, so that it cannot be the result.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub no_whole_beat: bool,
     /// (simulated − measured) / measured, by biomarker.
     pub relative_differences: BTreeMap<String, f64>,
 }
@@ -69,9 +72,9 @@ impl Chain {
             })
     }
 
-    /// Lowest cost of step 1 so far.
+    /// Lowest cost of a whole beat of step 1 so far.
     #[must_use]
     pub fn best_cost(&self) -> Option<f64> {
-        self.iterations.iter().filter_map(|i| i.cost).min_by(f64::total_cmp)
+        self.iterations.iter().filter(|i| !i.no_whole_beat).filter_map(|i| i.cost).min_by(f64::total_cmp)
     }
 }

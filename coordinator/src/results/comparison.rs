@@ -140,7 +140,8 @@ impl<'a> PatientView<'a> {
             Some(summary) => iterations.iter().find(|i| i.number == summary.best_iteration),
             None => iterations
                 .iter()
-                .filter(|i| i.run.is_some() && i.cost.is_some_and(f64::is_finite))
+                .filter(|i| i.run.as_ref().is_some_and(|run| run.result.failed_valve().is_none()))
+                .filter(|i| i.cost.is_some_and(f64::is_finite))
                 .min_by(|a, b| a.cost.unwrap_or(f64::INFINITY).total_cmp(&b.cost.unwrap_or(f64::INFINITY))),
         }
     }

@@ -42,6 +42,12 @@ pub enum SweepError {
         /// Which folder.
         path: PathBuf,
     },
+    /// A sweep without a member yet.
+    #[error("the sweep in {path} has no member yet: the command that made the folder goes on")]
+    Empty {
+        /// Which folder.
+        path: PathBuf,
+    },
     /// Other settings than those the folder was made with.
     #[error(
         "the sweep in {path} was made with other settings: {changes}; its samples cannot be mixed: leave these options \

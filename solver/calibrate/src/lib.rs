@@ -16,6 +16,7 @@ pub mod latin_hypercube;
 pub mod lbfgsb;
 pub mod least_squares;
 pub mod normal;
+pub mod polish;
 pub mod population;
 mod random;
 pub mod robustness;

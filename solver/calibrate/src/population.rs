@@ -66,9 +66,14 @@ pub(crate) fn unit_guesses(
                 let (n_guess, n_bounds) = (guess.len(), bounds.len());
                 return Err(PopulationError::Guess { idx, n_guess, n_bounds, n_guesses });
             }
-            Ok(guess.iter().zip(bounds).map(|(x, b)| b.to_unit(b.clamp(*x))).collect())
+            Ok(to_unit(guess, bounds))
         })
         .collect()
+}
+
+/// From the parameters' units to unit coordinates, cut to the box.
+pub(crate) fn to_unit(point: &[f64], bounds: &[Interval]) -> Vec<f64> {
+    point.iter().zip(bounds).map(|(x, b)| b.to_unit(b.clamp(*x))).collect()
 }
 
 /// From unit coordinates to the parameters' units.

@@ -26,8 +26,6 @@ pub struct Case {
     pub targets: CellBiomarkers,
     /// What SciPy's differential evolution reached with an independent cell, where that is known.
     pub reference_cost: Option<f64>,
-    /// The lowest that any strategy has reached, where that is known.
-    pub lowest_cost: Option<f64>,
 }
 
 /// One strategy on one case.

@@ -127,7 +127,10 @@ fn note(iteration: &IterationRecord, best: bool) -> (String, Option<Tone>) {
     match &iteration.failure {
         Some(failure) => (format!("failed [{}]: {}", failure.class.as_str(), failure.message), Some(Tone::Bad)),
         None if best => ("best".to_owned(), Some(Tone::Good)),
-        None => (String::new(), None),
+        None => match iteration.run.as_ref().and_then(|run| run.result.failed_valve()) {
+            Some(valve) => (format!("no whole beat: {}, found {}", valve.name, valve.found), Some(Tone::Doubtful)),
+            None => (String::new(), None),
+        },
     }
 }
 

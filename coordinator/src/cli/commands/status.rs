@@ -3,6 +3,7 @@
 use std::time::Duration;
 
 use cardiotwin_schemas::status::{PatientStatus, Status};
+use cardiotwin_schemas::sweep::SweepSpec;
 use clap::Args;
 
 use crate::cli::error::CliError;
@@ -11,6 +12,7 @@ use crate::cli::place::{Folders, Place};
 use crate::cli::store::open;
 use crate::cli::table::{Columns, duration, optional};
 use crate::cli::talk::{Talk, Tone};
+use crate::sweep::folder;
 
 /// Rows that a terminal shows; `--all` shows the rest.
 const ROWS: usize = 60;
@@ -43,6 +45,7 @@ pub struct StatusArgs {
 pub async fn execute(args: &StatusArgs, talk: &Talk) -> Result<Exit, CliError> {
     let folders = args.place.folders();
     let reader = open(&folders).await?;
+    let member = member(&folders)?;
     loop {
         let mut status = reader.status().await?;
         if args.failed {
@@ -55,7 +58,7 @@ pub async fn execute(args: &StatusArgs, talk: &Talk) -> Result<Exit, CliError> {
                 talk.data("\x1b[H\x1b[2J")?;
             }
             let rows = if args.all || args.failed { usize::MAX } else { ROWS };
-            talk.data(&screen(&status, rows, talk))?;
+            talk.data(&screen(&status, member, rows, talk))?;
             if let Some(hint) = hint(&status, &folders) {
                 talk.hint(&hint);
             }
@@ -67,14 +70,23 @@ pub async fn execute(args: &StatusArgs, talk: &Talk) -> Result<Exit, CliError> {
     }
 }
 
+/// What the rows of a run are, as a heading.
+fn member(folders: &Folders) -> Result<&'static str, CliError> {
+    Ok(match folder::find(&folders.run)?.map(|file| file.sweep) {
+        None => "PATIENT",
+        Some(SweepSpec::Gsa(_)) => "CHUNK",
+        Some(SweepSpec::Robustness(_)) => "MEMBER",
+    })
+}
+
 fn is_over(status: &Status) -> bool {
     status.counts.iter().all(|(state, n)| *n == 0 || ["done", "failed", "cancelled"].contains(&state.as_str()))
 }
 
-/// The table with its stamp.
+/// The table with its stamp; `member` is the heading of its rows.
 #[must_use]
-pub fn screen(status: &Status, rows: usize, talk: &Talk) -> String {
-    let mut table = Columns::new(talk, &["PATIENT", "STEP", "STATE", "ITER", ">COST", ">FOR", "NOTE"]);
+pub fn screen(status: &Status, member: &str, rows: usize, talk: &Talk) -> String {
+    let mut table = Columns::new(talk, &[member, "STEP", "STATE", "ITER", ">COST", ">FOR", "NOTE"]);
     for patient in status.patients.iter().take(rows) {
         table.toned(row(patient));
     }
@@ -213,19 +225,19 @@ mod tests {
 
     #[test]
     fn failures_stand_first_and_columns_line_up() {
-        insta::assert_snapshot!(screen(&status(), 60, &PLAIN));
+        insta::assert_snapshot!(screen(&status(), "PATIENT", 60, &PLAIN));
     }
 
     #[test]
     fn a_long_cohort_is_cut_and_says_so() {
-        assert!(screen(&status(), 2, &PLAIN).contains("… 3 more; --all shows them"));
+        assert!(screen(&status(), "PATIENT", 2, &PLAIN).contains("… 3 more; --all shows them"));
     }
 
     #[test]
     fn a_long_note_is_cut_where_the_table_would_wrap() {
         let mut long = status();
         long.patients[0].note = "é".repeat(300);
-        let screen = screen(&long, 60, &PLAIN);
+        let screen = screen(&long, "PATIENT", 60, &PLAIN);
         assert!(screen.lines().nth(1).unwrap().ends_with("é…"), "{screen}");
         assert!(screen.lines().all(|line| line.chars().count() < 170), "{screen}");
     }
@@ -246,7 +258,7 @@ mod tests {
 
     #[test]
     fn colour_adds_nothing_to_the_words() {
-        let coloured = screen(&status(), 60, &Talk { colour_out: true, ..PLAIN });
+        let coloured = screen(&status(), "PATIENT", 60, &Talk { colour_out: true, ..PLAIN });
         assert!(coloured.contains("\x1b["));
         let mut plain = String::new();
         let mut inside = false;
@@ -259,6 +271,6 @@ mod tests {
             }
         }
         let words = |text: &str| text.split_whitespace().map(str::to_owned).collect::<Vec<_>>();
-        assert_eq!(words(&plain), words(&screen(&status(), 60, &PLAIN)));
+        assert_eq!(words(&plain), words(&screen(&status(), "PATIENT", 60, &PLAIN)));
     }
 }

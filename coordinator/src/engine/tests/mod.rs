@@ -150,6 +150,48 @@ async fn a_simulation_that_fails_ends_step1_as_stalled_and_a_rerun_continues_wit
 }
 
 #[tokio::test]
+async fn a_first_beat_whose_valves_stay_shut_leads_on_and_is_not_the_result() {
+    let bench = Bench::new(vec![personalised("P1", 8.0)]);
+    bench.script(|s| s.shut_below_kpa = Some(140.0));
+    assert_eq!(bench.run().await.0.done, 1);
+    let record = bench.patient("P1").await;
+    let [first, second] = [&record.iterations[0], &record.iterations[1]];
+    let valve = first.run.as_ref().unwrap().result.failed_valve().unwrap();
+    assert_eq!((valve.name.as_str(), first.failure.as_ref()), ("aortic valve opened and closed", None));
+    // Both time constants of volume count as missed by all of them, and their valves stay.
+    assert!(first.cost.unwrap() > 2.0, "{:?}", first.cost);
+    assert_eq!(first.relative_differences["tau_VD_ms"], -1.0);
+    assert_eq!(second.parameters.valves, first.parameters.valves);
+    assert!(second.parameters.tanh.smax_ref_kpa > first.parameters.tanh.smax_ref_kpa);
+    let summary = record.step1.unwrap();
+    assert_eq!(summary.quality, Step1Quality::Converged);
+    assert!(
+        record.iterations[summary.best_iteration as usize - 1].run.as_ref().unwrap().result.failed_valve().is_none()
+    );
+}
+
+#[tokio::test]
+async fn valves_that_never_open_fail_step1_and_in_the_verification_beat_the_patient() {
+    let bench = Bench::new(vec![personalised("P1", 8.0)]);
+    bench.script(|s| s.shut_below_kpa = Some(1e6));
+    assert_eq!(bench.run().await.0.failed, 1);
+    let record = bench.patient("P1").await;
+    let failure = record.failure.unwrap();
+    assert_eq!(failure.class, FailureClass::Numerics);
+    assert!(failure.message.contains("still no whole beat, aortic valve opened and closed"), "{}", failure.message);
+    assert!(record.iterations.len() > 1 && record.step1.is_none());
+
+    let bench = Bench::new(vec![personalised("P1", 8.0)]);
+    bench.script(|s| s.fitted_cell_is_shut = true);
+    assert_eq!(bench.run().await.0.failed, 1);
+    let record = bench.patient("P1").await;
+    let failure = record.failure.unwrap();
+    assert_eq!((failure.class, record.status.step.as_str()), (FailureClass::Numerics, "verification"));
+    assert!(failure.message.contains("the fitted cell makes no whole beat: aortic valve"), "{}", failure.message);
+    assert!(record.verification.is_none() && record.cell_fit.is_some());
+}
+
+#[tokio::test]
 async fn a_first_simulation_that_fails_fails_the_patient_and_a_retry_repeats_it() {
     let bench = Bench::new(vec![personalised("P1", 8.0)]);
     bench.script(|s| s.diverges_above_kpa = Some(10.0));

@@ -13,6 +13,8 @@ use cardiotwin_schemas::settings::STEP1_PARAMETERS;
 
 /// Prefix of step 2's guesses among a member's inputs: both steps have an `Smax_ref_kPa`.
 pub const STEP2_PREFIX: &str = "step2.";
+/// Ending of the original's name.
+const ORIGINAL: &str = "base";
 /// Name of the seed among a member's inputs.
 pub const SEED: &str = "step2.seed";
 
@@ -68,7 +70,7 @@ pub struct Member {
 /// # Errors
 /// [`DesignError`] where settings leave nothing to vary or make no sense.
 pub fn members(patient: &ResolvedPatient, spec: &RobustnessSpec) -> Result<Vec<Member>, DesignError> {
-    let mut all = vec![member(patient, MemberRole::Original, "base".to_owned(), BTreeMap::new())];
+    let mut all = vec![member(patient, MemberRole::Original, ORIGINAL.to_owned(), BTreeMap::new())];
     let samples = match spec.over {
         Uncertainty::Data => data(patient, spec)?,
         Uncertainty::Guess => guesses(patient, spec)?,
@@ -78,10 +80,19 @@ pub fn members(patient: &ResolvedPatient, spec: &RobustnessSpec) -> Result<Vec<M
     Ok(all)
 }
 
+/// Name of a patient's original.
+pub(super) fn original_of(patient: &PatientId) -> PatientId {
+    named(patient, ORIGINAL)
+}
+
+fn named(patient: &PatientId, suffix: &str) -> PatientId {
+    PatientId(format!("{patient}.{suffix}"))
+}
+
 fn member(patient: &ResolvedPatient, role: MemberRole, suffix: String, inputs: BTreeMap<String, f64>) -> Member {
     let mut plan = patient.clone();
     plan.random_stream = Some(patient.random_stream().clone());
-    plan.id = PatientId(format!("{}.{suffix}", patient.id));
+    plan.id = named(&patient.id, &suffix);
     Member { role, inputs, plan }
 }
 

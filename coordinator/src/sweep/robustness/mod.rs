@@ -15,4 +15,4 @@ mod values;
 pub use cardiotwin_calibrate::robustness::{DATA_RANGE, GUESS_RANGE};
 pub use design::{DesignError, Member, members};
 pub use files::{members_csv, tables_csv, targets_csv};
-pub use tables::result;
+pub use tables::{patients, result};

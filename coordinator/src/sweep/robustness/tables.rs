@@ -15,7 +15,7 @@ use cardiotwin_schemas::robustness::{
 use cardiotwin_schemas::settings::STEP1_PARAMETERS;
 
 use super::conditions;
-use super::design::{DesignError, Member, STEP2_PREFIX, guess_centres, members};
+use super::design::{DesignError, Member, STEP2_PREFIX, guess_centres, members, original_of};
 use super::paper::PAPER;
 use super::values::{names, summary};
 use crate::results::PatientView;
@@ -48,6 +48,17 @@ pub fn result(
         spec: spec.clone(),
         patients: patients.collect::<Result<_, _>>()?,
     })
+}
+
+/// Plans of the sweep's patients as its run has them: each original is its patient's plan under another name.
+#[must_use]
+pub fn patients(spec: &RobustnessSpec, record: &RunRecord) -> Vec<ResolvedPatient> {
+    let original = |id: &PatientId| {
+        let name = original_of(id);
+        let found = record.patients.iter().find(|p| p.plan.id == name)?;
+        Some(ResolvedPatient { id: id.clone(), ..found.plan.clone() })
+    };
+    spec.patients.iter().filter_map(original).collect()
 }
 
 fn of_patient(
@@ -178,11 +189,15 @@ impl Known<'_> {
             STEP1_BIOMARKERS.into_iter().filter_map(move |name| {
                 let measured = self.measured(name)?;
                 let original = statistics::relative_error(self.original_value(table, name)?, measured);
-                let pairs: Vec<(f64, f64)> = self
+                let pairs: Vec<(&RobustnessMember, (f64, f64))> = self
                     .of_role(MemberRole::Sample)
-                    .filter_map(|m| Some((value(m, table, name)?, measured * m.inputs.get(name)?)))
+                    .filter_map(|m| Some((m, (value(m, table, name)?, measured * m.inputs.get(name)?))))
                     .collect();
-                let (values, targets): (Vec<f64>, Vec<f64>) = pairs.into_iter().unzip();
+                let limit = original + conditions::ALLOWANCE;
+                let misses = |value, target| statistics::relative_error(value, target) > limit;
+                let beyond = pairs.iter().filter(|(_, (value, target))| misses(*value, *target));
+                let beyond = beyond.map(|(member, _)| member.id.clone()).collect();
+                let (values, targets): (Vec<f64>, Vec<f64>) = pairs.into_iter().map(|pair| pair.1).unzip();
                 let to_measured = statistics::errors_to_targets(&values, &vec![measured; values.len()])?;
                 Some(TargetError {
                     table,
@@ -190,6 +205,7 @@ impl Known<'_> {
                     original,
                     to_perturbed: moments(statistics::errors_to_targets(&values, &targets)?),
                     to_measured: moments(to_measured),
+                    beyond,
                 })
             })
         });

@@ -1,7 +1,7 @@
 //! The optimiser: what it asks for, what it makes of the answers, when it ends.
 
 use super::memory::{Memory, Success};
-use crate::lbfgsb::{self, Lbfgsb};
+use crate::polish::{LocalSearch, Polish};
 use crate::population::{PopulationError, check, scale, unit_guesses};
 use crate::random::{Purpose, generator};
 use crate::statistics::{mean, population_standard_deviation};
@@ -31,8 +31,8 @@ pub struct Settings {
     pub tol: f64,
     /// Added to that bound, in the cost's unit.
     pub atol: f64,
-    /// Settings of the polish; none leaves it out.
-    pub polish: Option<lbfgsb::Settings>,
+    /// Local searches at the end, one after the other.
+    pub polish: Vec<LocalSearch>,
     /// Seed of all random numbers.
     pub seed: u64,
 }
@@ -47,7 +47,7 @@ impl Default for Settings {
             max_evaluations: 30_000,
             tol: 0.01,
             atol: 0.0,
-            polish: Some(lbfgsb::Settings::default()),
+            polish: vec![LocalSearch::default()],
             seed: 0,
         }
     }
@@ -96,8 +96,7 @@ pub struct AdaptiveEvolution {
     generation: usize,
     n_evaluations: usize,
     converged: bool,
-    polish: Option<Lbfgsb>,
-    polished: bool,
+    polish: Option<Polish>,
 }
 
 /// A candidate with the scale and rate that made it.
@@ -133,7 +132,6 @@ impl AdaptiveEvolution {
             n_evaluations: 0,
             converged: false,
             polish: None,
-            polished: false,
             settings,
         })
     }
@@ -144,7 +142,7 @@ impl AdaptiveEvolution {
         match self.stage {
             Stage::FirstPopulation => self.population.iter().map(|m| scale(m, &self.bounds)).collect(),
             Stage::Evolution => self.trials().iter().map(|t| scale(&t.point, &self.bounds)).collect(),
-            Stage::Polish => self.polish.as_ref().map_or_else(Vec::new, Lbfgsb::ask),
+            Stage::Polish => self.polish.as_ref().map_or_else(Vec::new, Polish::ask),
             Stage::Ended => Vec::new(),
         }
     }
@@ -253,19 +251,16 @@ impl AdaptiveEvolution {
     }
 
     fn begin_polish(&mut self) -> Result<(), PopulationError> {
-        self.stage = Stage::Ended;
-        if let Some(settings) = self.settings.polish.filter(|_| self.costs[0].is_finite()) {
-            self.polish = Some(Lbfgsb::new(&scale(&self.population[0], &self.bounds), &self.bounds, settings)?);
-            self.stage = Stage::Polish;
-        }
+        let start = scale(&self.population[0], &self.bounds);
+        self.polish = Polish::new(&start, self.costs[0], &self.bounds, &self.settings.polish)?;
+        self.stage = if self.polish.is_some() { Stage::Polish } else { Stage::Ended };
         Ok(())
     }
 
     fn tell_polish(&mut self, costs: &[f64]) -> Result<(), PopulationError> {
         let Some(polish) = &mut self.polish else { return Err(PopulationError::Ended) };
         polish.tell(costs)?;
-        if polish.ending().is_some() {
-            self.polished = polish.best().1 < self.costs[0];
+        if polish.is_ended() {
             self.stage = Stage::Ended;
         }
         Ok(())
@@ -298,15 +293,15 @@ impl AdaptiveEvolution {
     /// Evaluations told so far, those of the polish included.
     #[must_use]
     pub fn n_evaluations(&self) -> usize {
-        self.n_evaluations + self.polish.as_ref().map_or(0, Lbfgsb::n_evaluations)
+        self.n_evaluations + self.polish.as_ref().map_or(0, Polish::n_evaluations)
     }
 
     /// The best parameters so far, in their units, and their cost.
     #[must_use]
     pub fn best(&self) -> (Vec<f64>, f64) {
-        match &self.polish {
-            Some(polish) if self.polished => (polish.best().0.to_vec(), polish.best().1),
-            _ => (scale(&self.population[0], &self.bounds), self.costs[0]),
+        match self.polish.as_ref().and_then(Polish::gain) {
+            Some((point, cost)) => (point.to_vec(), cost),
+            None => (scale(&self.population[0], &self.bounds), self.costs[0]),
         }
     }
 

@@ -31,7 +31,7 @@ fn finds_a_valley_s_end_and_a_corner() {
 
 #[test]
 fn the_population_shrinks_with_the_budget() {
-    let settings = Settings { max_evaluations: 2000, tol: 0.0, polish: None, ..Settings::default() };
+    let settings = Settings { max_evaluations: 2000, tol: 0.0, polish: vec![], ..Settings::default() };
     let mut o = start(4, settings);
     let mut sizes = vec![];
     while !o.is_ended() {

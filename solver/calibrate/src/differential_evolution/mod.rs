@@ -3,7 +3,7 @@
 //! Source: Storn and Price 1997, J. Global Optim. 11:341 (DE/best/1/bin), as `scipy.optimize.differential_evolution`
 //! runs it and the paper uses it (Jung et al. 2022, section 2.3.2): Latin hypercube start, mutation dithered once a
 //! generation, values beyond a bound drawn anew, convergence when the costs' standard deviation falls below a fraction
-//! of their mean, then a bounded quasi-Newton polish.
+//! of their mean, then a bounded quasi-Newton [polish](crate::polish).
 //!
 //! - `deferred`: a generation is one batch, compared with the generation before. The default here: batches run wide.
 //! - `immediate`: each trial replaces its member at once, so a batch is one point. `SciPy`'s default, the reference mode.

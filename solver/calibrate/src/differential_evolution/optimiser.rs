@@ -1,7 +1,7 @@
 //! The optimiser: what it asks for, what it makes of the answers, when it ends.
 
 use super::{Settings, Updating};
-use crate::lbfgsb::Lbfgsb;
+use crate::polish::Polish;
 use crate::population::{PopulationError, scale, unit_guesses};
 use crate::random::{Purpose, generator};
 use crate::statistics::{mean, population_standard_deviation};
@@ -70,8 +70,7 @@ pub struct DifferentialEvolution {
     candidate: usize,
     n_evaluations: usize,
     ending: Option<Ending>,
-    polish: Option<Lbfgsb>,
-    polished: bool,
+    polish: Option<Polish>,
     /// The trials under way, so that they are made once; not stored, since they follow from the rest.
     #[serde(skip)]
     pending: Pending,
@@ -111,7 +110,6 @@ impl DifferentialEvolution {
             n_evaluations: 0,
             ending: None,
             polish: None,
-            polished: false,
             pending: Pending::default(),
         })
     }
@@ -120,7 +118,7 @@ impl DifferentialEvolution {
     #[must_use]
     pub fn ask(&self) -> Vec<Vec<f64>> {
         match self.stage {
-            Stage::Polish => self.polish.as_ref().map_or_else(Vec::new, Lbfgsb::ask),
+            Stage::Polish => self.polish.as_ref().map_or_else(Vec::new, Polish::ask),
             _ if self.pending.0.is_empty() => self.make_trials().iter().map(|trial| self.scale(trial)).collect(),
             _ => self.pending.0.iter().map(|trial| self.scale(trial)).collect(),
         }
@@ -216,9 +214,9 @@ impl DifferentialEvolution {
     /// The best parameters so far, in their units, and their cost.
     #[must_use]
     pub fn best(&self) -> (Vec<f64>, f64) {
-        match &self.polish {
-            Some(polish) if self.polished => (polish.best().0.to_vec(), polish.best().1),
-            _ => (self.scale(&self.population[0]), self.costs[0]),
+        match self.polish.as_ref().and_then(Polish::gain) {
+            Some((point, cost)) => (point.to_vec(), cost),
+            None => (self.scale(&self.population[0]), self.costs[0]),
         }
     }
 
@@ -241,12 +239,12 @@ impl DifferentialEvolution {
             n_generations: self.generation,
             n_evaluations: self.n_evaluations(),
             n_polish_evaluations: self.n_polish_evaluations(),
-            polished: self.polished,
+            polished: self.polish.as_ref().is_some_and(|polish| polish.gain().is_some()),
         })
     }
 
     fn n_polish_evaluations(&self) -> usize {
-        self.polish.as_ref().map_or(0, Lbfgsb::n_evaluations)
+        self.polish.as_ref().map_or(0, Polish::n_evaluations)
     }
 
     fn scale(&self, member: &[f64]) -> Vec<f64> {
@@ -342,24 +340,20 @@ impl DifferentialEvolution {
         } else {
             None
         };
-        match (self.ending, self.settings.polish) {
-            (None, _) => self.generation += 1,
-            // Without a single finite cost there is nothing to polish.
-            (Some(_), Some(settings)) if self.costs[0].is_finite() => {
-                self.polish = Some(Lbfgsb::new(&self.scale(&self.population[0]), &self.bounds, settings)?);
-                self.stage = Stage::Polish;
-            }
-            (Some(_), _) => self.stage = Stage::Ended,
+        if self.ending.is_none() {
+            self.generation += 1;
+            return Ok(());
         }
+        let start = self.scale(&self.population[0]);
+        self.polish = Polish::new(&start, self.costs[0], &self.bounds, &self.settings.polish)?;
+        self.stage = if self.polish.is_some() { Stage::Polish } else { Stage::Ended };
         Ok(())
     }
 
     fn tell_polish(&mut self, costs: &[f64]) -> Result<(), PopulationError> {
         let Some(polish) = &mut self.polish else { return Err(PopulationError::Ended) };
         polish.tell(costs)?;
-        if let Some(ending) = polish.ending() {
-            // As in SciPy, a polish that did not come to its own end is not trusted.
-            self.polished = ending.is_success() && polish.best().1 < self.costs[0];
+        if polish.is_ended() {
             self.stage = Stage::Ended;
         }
         Ok(())

@@ -1,7 +1,8 @@
 //! What may be set of differential evolution.
 
+use crate::Interval;
+use crate::polish::LocalSearch;
 use crate::population::{PopulationError, check};
-use crate::{Interval, lbfgsb};
 use serde::{Deserialize, Serialize};
 
 /// When a better trial takes its member's place.
@@ -33,8 +34,8 @@ pub struct Settings {
     pub maxiter: usize,
     /// When a better trial takes its member's place.
     pub updating: Updating,
-    /// Settings of the polish; none leaves it out.
-    pub polish: Option<lbfgsb::Settings>,
+    /// Local searches at the end, one after the other.
+    pub polish: Vec<LocalSearch>,
     /// Seed of all random numbers.
     pub seed: u64,
 }
@@ -49,7 +50,7 @@ impl Default for Settings {
             atol: 0.0,
             maxiter: 1000,
             updating: Updating::default(),
-            polish: Some(lbfgsb::Settings::default()),
+            polish: vec![LocalSearch::default()],
             seed: 0,
         }
     }

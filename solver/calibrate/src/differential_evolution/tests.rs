@@ -1,6 +1,7 @@
 use super::*;
 use crate::Interval;
 use crate::lbfgsb;
+use crate::polish::LocalSearch;
 use crate::population::PopulationError;
 use proptest::prelude::*;
 
@@ -56,7 +57,7 @@ fn a_batch_is_a_generation_or_a_point() {
 
 #[test]
 fn polish_lowers_the_cost_of_an_early_end() {
-    let unpolished = finish(start(3, Settings { polish: None, ..Settings::default() }), offset).outcome().unwrap();
+    let unpolished = finish(start(3, Settings { polish: vec![], ..Settings::default() }), offset).outcome().unwrap();
     let polished = finish(start(3, Settings::default()), offset).outcome().unwrap();
     assert_eq!(unpolished.ending, Ending::Converged);
     assert!(!unpolished.polished && polished.polished);
@@ -138,8 +139,8 @@ fn nonsense_is_refused_by_name() {
 fn settings_are_read_with_defaults() {
     let settings: Settings = serde_json::from_str(r#"{"updating":"immediate","seed":7}"#).unwrap();
     assert_eq!(settings, Settings { updating: Updating::Immediate, seed: 7, ..Settings::default() });
-    let without: Settings = serde_json::from_str(r#"{"polish":null}"#).unwrap();
-    assert_eq!(without.polish, None);
+    let without: Settings = serde_json::from_str(r#"{"polish":[]}"#).unwrap();
+    assert_eq!(without.polish, []);
     assert!(serde_json::from_str::<Settings>(r#"{"pop_size":7}"#).is_err());
 }
 
@@ -155,7 +156,10 @@ proptest! {
             seed,
             maxiter: 15,
             updating: if immediate { Updating::Immediate } else { Updating::Deferred },
-            polish: Some(lbfgsb::Settings { max_evaluations: 200, ..lbfgsb::Settings::default() }),
+            polish: vec![LocalSearch {
+                settings: lbfgsb::Settings { max_evaluations: 200, ..lbfgsb::Settings::default() },
+                ..LocalSearch::default()
+            }],
             ..Settings::default()
         };
         let f = |x: &[f64]| if x[0] > fails_above { f64::INFINITY } else { offset(x) + sphere(x) };

@@ -2,6 +2,8 @@
 //!
 //! ```text
 //! history ──► last one failed ──────────────► Ended FailedAt(k), best earlier iteration
+//!         ├─► last one no whole beat ───────► as failed, if there was a whole one before; else an iteration like any
+//!         │                                   other, but never the best
 //!         ├─► best cost within tolerance ───► Ended Converged        (stop = first_converged)
 //!         ├─► three in a row did not help ──► Ended Stalled          (Converged if the best is within tolerance)
 //!         ├─► limit reached ────────────────► Ended LimitReached     (likewise)
@@ -18,6 +20,9 @@ use serde::{Deserialize, Serialize};
 pub enum Outcome {
     /// It succeeded by the rules of docs/models.md.
     Simulated(Biomarkers),
+    /// It reached the end of the cycle, but a valve did not open and close. Before the first whole beat its biomarkers,
+    /// as far as there are any, lead on; it is never the result. After one it is a failure.
+    NoWholeBeat(Biomarkers),
     /// It did not: aborted, or ended in a state that makes no sense.
     Failed,
 }
@@ -182,8 +187,13 @@ pub fn decide(settings: &Settings, measured: &Biomarkers, history: &History) -> 
 }
 
 fn costs(measured: &Biomarkers, history: &History) -> Vec<Option<f64>> {
+    let mut is_early = true;
     let cost = |i: &Iteration| match &i.outcome {
-        Outcome::Simulated(b) => Some(Cost::of(measured, b).total),
+        Outcome::Simulated(b) => {
+            is_early = false;
+            Some(Cost::of(measured, b).total)
+        }
+        Outcome::NoWholeBeat(b) => is_early.then(|| Cost::of(measured, b).total),
         Outcome::Failed => None,
     };
     history.iterations.iter().map(cost).collect()
@@ -216,7 +226,7 @@ struct Run<'a> {
     settings: &'a Settings,
     measured: &'a Biomarkers,
     history: &'a History,
-    /// Cost of each iteration, none where it failed.
+    /// Cost of each iteration, none where it failed or lost the whole beat that there was before.
     costs: Vec<Option<f64>>,
 }
 
@@ -251,7 +261,11 @@ impl Run<'_> {
 
     /// The iteration of lowest cost among the first `n` that lies within the bounds, the first one of equals.
     fn best(&self, n: usize) -> Option<usize> {
-        self.lowest(n, |i| self.settings.admits(&self.history.iterations[i].parameters))
+        self.lowest(n, |i| self.is_whole(i) && self.settings.admits(&self.history.iterations[i].parameters))
+    }
+
+    fn is_whole(&self, i: usize) -> bool {
+        matches!(self.history.iterations[i].outcome, Outcome::Simulated(_))
     }
 
     fn lowest(&self, n: usize, admits: impl Fn(usize) -> bool) -> Option<usize> {
@@ -266,11 +280,17 @@ impl Run<'_> {
     fn without_improvement(&self) -> usize {
         let resumed_at = self.history.resumed_at;
         let mut best = self.best(resumed_at).and_then(|b| self.costs[b]);
+        let mut is_whole = best.is_some();
         let mut in_a_row = 0;
-        for cost in self.costs[resumed_at..].iter().flatten() {
-            let helped = best.is_none_or(|b| *cost <= b * (1.0 - self.settings.stagnation_fraction));
+        for (i, cost) in self.costs.iter().enumerate().skip(resumed_at) {
+            let Some(cost) = *cost else { continue };
+            // The first whole beat is a gain whatever it costs.
+            if self.is_whole(i) && !is_whole {
+                (is_whole, best) = (true, None);
+            }
+            let helped = best.is_none_or(|b| cost <= b * (1.0 - self.settings.stagnation_fraction));
             in_a_row = if helped { 0 } else { in_a_row + 1 };
-            best = Some(best.map_or(*cost, |b| b.min(*cost)));
+            best = Some(best.map_or(cost, |b| b.min(cost)));
         }
         in_a_row
     }
@@ -307,7 +327,7 @@ impl Run<'_> {
 
     fn update(&self, iteration: &Iteration) -> Parameters {
         let mut next = iteration.parameters;
-        let Outcome::Simulated(simulated) = &iteration.outcome else { return next };
+        let (Outcome::Simulated(simulated) | Outcome::NoWholeBeat(simulated)) = &iteration.outcome else { return next };
         for parameter in PARAMETERS {
             if self.settings.frozen.contains(&parameter) {
                 continue;

@@ -140,6 +140,68 @@ fn a_failure_ends_the_loop_with_the_best_earlier_iteration() {
     assert_eq!((at_once.1, at_once.3), (Quality::FailedAt(0), None));
 }
 
+/// A heart whose valves stay shut while the stress is small: pressure alone has biomarkers.
+fn weak_below(smax_ref_kpa: f64) -> impl Fn(usize, &Parameters) -> Outcome {
+    move |_, p| {
+        let beat = heart(p, 0.8);
+        if p.smax_ref_kpa < smax_ref_kpa {
+            Outcome::NoWholeBeat(Biomarkers { tau_vd_ms: None, tau_vr_ms: None, ..beat })
+        } else {
+            Outcome::Simulated(beat)
+        }
+    }
+}
+
+#[test]
+fn early_beats_without_open_valves_lead_on_by_their_pressure() {
+    let weak = Parameters { smax_ref_kpa: 30.0, ..Parameters::default() };
+    let (history, quality, because, best) =
+        run(&Settings::default(), &measured(), History::new(weak), weak_below(90.0));
+    assert_eq!((quality, because), (Quality::Converged, Ending::Tolerance));
+    assert!(matches!(history.iterations[0].outcome, Outcome::NoWholeBeat(_)));
+    assert!(matches!(history.iterations[best.unwrap()].outcome, Outcome::Simulated(_)));
+    // Pressure updates its parameters; what has no biomarker stays.
+    let second = history.iterations[1].parameters;
+    assert!(second.smax_ref_kpa > 60.0);
+    assert_eq!(second.r_av_f_mmhg_s_per_ml, weak.r_av_f_mmhg_s_per_ml);
+}
+
+#[test]
+fn a_beat_without_open_valves_is_never_the_result() {
+    // All of its pressure is met, and volume is not measured: the cost alone would call it converged.
+    let only_pressure = Biomarkers { tau_vd_ms: None, tau_vr_ms: None, ..measured() };
+    let shut = |_: usize, _: &Parameters| Outcome::NoWholeBeat(only_pressure);
+    let (_, quality, because, best) =
+        run(&Settings::default(), &only_pressure, History::new(Parameters::default()), shut);
+    assert_eq!((quality, because, best), (Quality::Stalled, Ending::NothingNew, None));
+
+    // Three in a row that gain nothing end the loop, and the first whole beat is a gain whatever it costs.
+    let far = |k: usize| Biomarkers { p_max_mmhg: Some(if k == 3 { 400.0 } else { 90.0 }), ..measured() };
+    let then_whole = |k: usize, _: &Parameters| {
+        if k < 3 { Outcome::NoWholeBeat(far(k)) } else { Outcome::Simulated(far(k)) }
+    };
+    let (history, quality, _, best) =
+        run(&Settings::default(), &measured(), History::new(Parameters::default()), then_whole);
+    assert_eq!((quality, best), (Quality::Converged, Some(4)));
+    assert_eq!(history.iterations.len(), 5);
+    let never = |k: usize, _: &Parameters| Outcome::NoWholeBeat(far(k + 4));
+    let (history, quality, because, best) =
+        run(&Settings::default(), &measured(), History::new(Parameters::default()), never);
+    assert_eq!((quality, because, best), (Quality::Stalled, Ending::Stagnation, None));
+    assert_eq!(history.iterations.len(), 4);
+}
+
+#[test]
+fn a_beat_that_loses_its_valves_after_a_whole_one_is_a_failure() {
+    let loses = |k: usize, p: &Parameters| {
+        let beat = heart(p, 0.1);
+        if k == 2 { Outcome::NoWholeBeat(beat) } else { Outcome::Simulated(beat) }
+    };
+    let (_, quality, because, best) =
+        run(&Settings::default(), &measured(), History::new(Parameters::default()), loses);
+    assert_eq!((quality, because, best), (Quality::FailedAt(2), Ending::Failure, Some(1)));
+}
+
 #[test]
 fn a_rerun_continues_from_the_best_stored_iteration_with_the_new_damping() {
     let stubborn = |k: usize, p: &Parameters| {
@@ -270,6 +332,7 @@ proptest! {
             match kind {
                 0 => Outcome::Failed,
                 1 => Outcome::Simulated(Biomarkers { ptd90_ms: None, tau_vr_ms: None, ..heart(p, a) }),
+                3 | 4 => Outcome::NoWholeBeat(Biomarkers { tau_vd_ms: None, tau_vr_ms: None, ..heart(p, a) }),
                 2 => Outcome::Simulated(Biomarkers { dpdt_min_mmhg_per_ms: Some(b), p_max_mmhg: Some(f64::NAN), ..heart(p, a) }),
                 _ => Outcome::Simulated(heart(p, b)),
             }
@@ -286,7 +349,7 @@ proptest! {
             prop_assert!(after.iterations.iter().all(|i| settings.admits(&i.parameters)));
             let costs: Vec<f64> = after.iterations.iter().map(|i| match &i.outcome {
                 Outcome::Simulated(b) => Cost::of(&measured(), b).total,
-                Outcome::Failed => f64::INFINITY,
+                Outcome::NoWholeBeat(_) | Outcome::Failed => f64::INFINITY,
             }).collect();
             if let Some(best) = best {
                 prop_assert!(costs.iter().all(|c| costs[best] <= *c));

@@ -4,17 +4,24 @@ use cardiotwin_calibrate::adaptive_evolution::{self, AdaptiveEvolution};
 use cardiotwin_calibrate::cma_es::{self, CmaEs};
 use cardiotwin_calibrate::differential_evolution::{self, DifferentialEvolution, Ending, Stage, Updating};
 use cardiotwin_calibrate::lbfgsb::{self, DifferenceStep};
+use cardiotwin_calibrate::polish::{Coordinates, LocalSearch};
 use cardiotwin_calibrate::statistics::mean;
 use cardiotwin_calibrate::{Interval, adaptive_evolution::Stage as AdaptiveStage};
 use cardiotwin_schemas::settings::{self, CellFitSettings, Strategy};
 
 use crate::error::TaskError;
 
-/// Step of the polish's finite differences, as a share of each interval: the integrator's own error makes the cost rough
-/// at smaller ones.
-const DIFFERENCE: f64 = 1e-4;
-/// The polish ends when an iteration gains less: the integrator's error, not the minimum, decides beyond.
-const POLISH_GAIN: f64 = 1e-8;
+/// The polish: in the parameters' own units, then in shares of their intervals, and both again. Longer differences than
+/// these (shares of the intervals, too) bend the slope along the valleys that the targets leave open more than it rises.
+const POLISH: [(Coordinates, f64); 4] = [
+    (Coordinates::OwnUnits, 1e-5),
+    (Coordinates::Shares, 1e-6),
+    (Coordinates::OwnUnits, 1e-5),
+    (Coordinates::Shares, 1e-6),
+];
+/// A local search ends when an iteration gains less. The valley along which Rice's two time constants and the resting
+/// calcium may move together falls by 1e-5 from end to end: at 1e-8 searches end half way, each elsewhere.
+const POLISH_GAIN: f64 = 1e-10;
 /// Most evaluations of the strategies that plan with a budget.
 const BUDGET: usize = 30_000;
 
@@ -53,12 +60,16 @@ impl Optimiser {
         bounds: &[Interval],
         guesses: &[Vec<f64>],
     ) -> Result<Self, TaskError> {
-        let polish = lbfgsb::Settings {
-            step: DifferenceStep::OfWidth(DIFFERENCE),
-            cost_tolerance: POLISH_GAIN,
-            ..lbfgsb::Settings::default()
+        let search = |(coordinates, difference)| LocalSearch {
+            coordinates,
+            settings: lbfgsb::Settings {
+                step: DifferenceStep::OfWidth(difference),
+                cost_tolerance: POLISH_GAIN,
+                ..lbfgsb::Settings::default()
+            },
         };
-        let polish = settings.polish.then_some(polish);
+        let polish: Vec<LocalSearch> =
+            if settings.polish { POLISH.into_iter().map(search).collect() } else { Vec::new() };
         let popsize = settings.popsize as usize;
         let budget = BUDGET.min((settings.max_generations as usize).saturating_mul(popsize * bounds.len()));
         Ok(match settings.strategy {

@@ -2,9 +2,11 @@
 
 use std::path::PathBuf;
 
+use cardiotwin_schemas::sweep::SweepSpec;
 use clap::Args;
 
 use super::outcome::{self, Phases};
+use super::robustness;
 use crate::cli::error::CliError;
 use crate::cli::exit::Exit;
 use crate::cli::talk::Talk;
@@ -30,6 +32,12 @@ pub struct ReportArgs {
 /// # Errors
 /// [`SweepError`](crate::sweep::SweepError) when there is no sweep or too little of it.
 pub async fn execute(args: &ReportArgs, talk: &Talk) -> Result<Exit, CliError> {
+    if let SweepSpec::Robustness(spec) = folder::read(&args.folder)?.sweep {
+        let (result, record) = robustness::stored(&args.folder, &spec).await?;
+        let page = robustness::write(&result, &record, &args.folder)?;
+        talk.data(&format!("{}\n", page.display()))?;
+        return Ok(Exit::Ok);
+    }
     let record = outcome::analysed(&args.folder, args.blocks, &mut Phases::default()).await?;
     let mut files = outcome::write(&args.folder, &record)?;
     if let Some(n) = args.select {

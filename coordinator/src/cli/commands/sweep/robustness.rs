@@ -29,16 +29,17 @@ const ALL: &str = "all";
 
 /// Setting that says where step 1 stops.
 const STOP: &str = "step1.stop=";
-/// Step 1 goes on until nothing is gained any more: elsewhere it is the guess that decides where it stops.
+/// Step 1 goes on until nothing is gained any more: elsewhere data and guess alike decide where within the tolerance it
+/// stops, and that would be taken for their effect.
 const TO_THE_END: [&str; 3] = ["step1.stop=best-of-limit", "step1.max_iterations=30", "step1.stall_iterations=6"];
 
 /// Personalise around uncertain data or initial guesses, and tell the spread (Tables 3 to 10 and Figure 6 of the paper)
 #[derive(Debug, Args)]
 #[command(
     after_help = "The same command goes on where an earlier one stopped; nothing finished is computed again. The folder \
-                  is a run: `status`, `show`, `logs` and `cancel` work on it. With --kind guess, step 1 goes on \
-                  until six iterations in a row gain nothing, at most 30: at the first iterate within the tolerance, the \
-                  paper's rule (--set step1.stop=first-converged), it is the guess that decides where it stops."
+                  is a run: `status`, `show`, `logs` and `cancel` work on it. Step 1 goes on until six iterations in a \
+                  row gain nothing, at most 30: at the first iterate within the tolerance, the paper's rule (--set \
+                  step1.stop=first-converged), it is data and guess that decide where it stops."
 )]
 pub struct RobustnessArgs {
     /// Folder of the cohort
@@ -129,6 +130,20 @@ pub async fn execute(args: &RobustnessArgs, talk: &Talk) -> Result<Exit, CliErro
     Ok(summary.map_or(Exit::Ok, |summary| ended(&summary, began, talk)))
 }
 
+/// What a folder's members say so far, and the record that it rests on; nothing is asked of the cohort's files.
+///
+/// # Errors
+/// The store's; [`SweepError::Empty`] before the first member is known.
+pub(super) async fn stored(out: &Path, spec: &RobustnessSpec) -> Result<(RobustnessResult, RunRecord), CliError> {
+    let record = Reader::open(out).await?.record().await?;
+    let plans = robustness::patients(spec, &record);
+    if plans.is_empty() {
+        return Err(SweepError::Empty { path: out.to_owned() }.into());
+    }
+    let result = robustness::result(spec, &plans, &record).map_err(SweepError::from)?;
+    Ok((result, record))
+}
+
 /// What the folder is about already.
 fn before(over: Uncertainty, out: &Path) -> Result<Option<RobustnessSpec>, CliError> {
     match folder::find(out)?.map(|file| file.sweep) {
@@ -144,7 +159,7 @@ fn before(over: Uncertainty, out: &Path) -> Result<Option<RobustnessSpec>, CliEr
 /// The patients of the sweep: those named and those that it has; the whole cohort where nobody is named. Or all problems.
 fn load(args: &RobustnessArgs, before: Option<&RobustnessSpec>, talk: &Talk) -> Result<Cohort, CliError> {
     let mut set = args.set.clone();
-    if args.kind == Kind::Guess && !set.iter().any(|setting| setting.starts_with(STOP)) {
+    if !set.iter().any(|setting| setting.starts_with(STOP)) {
         // First, so that what the caller sets wins.
         set.splice(0..0, TO_THE_END.map(str::to_owned));
     }
@@ -268,7 +283,7 @@ async fn run(
 }
 
 /// Writes all files; tells the page.
-fn write(result: &RobustnessResult, record: &RunRecord, out: &Path) -> Result<PathBuf, CliError> {
+pub(super) fn write(result: &RobustnessResult, record: &RunRecord, out: &Path) -> Result<PathBuf, CliError> {
     let json = serde_json::to_string_pretty(result).expect("a result is JSON") + "\n";
     for (name, text) in [
         ("robustness.json", json),

@@ -167,6 +167,7 @@ mod tests {
             original: 0.012,
             to_perturbed: moments(0.015, Some(0.01), 0.001, 0.03),
             to_measured: moments(0.05, Some(0.02), 0.01, 0.1),
+            beyond: vec![PatientId::from("02-CoA.d03")],
         };
         let condition = |name: &str, passed| Condition {
             name: name.into(),

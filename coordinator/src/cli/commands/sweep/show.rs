@@ -1,16 +1,19 @@
-//! `cardiotwin sweep show`: the indices so far, at any time.
+//! `cardiotwin sweep show`: indices or tables so far, at any time.
 
 use std::path::PathBuf;
 
+use cardiotwin_schemas::sweep::SweepSpec;
 use clap::Args;
 
 use super::outcome::{self, Phases};
 use super::screen::{self, Order};
+use super::{robustness, robustness_text};
 use crate::cli::error::CliError;
 use crate::cli::exit::Exit;
 use crate::cli::talk::Talk;
+use crate::sweep::folder;
 
-/// Show the indices of what is complete so far
+/// Show what the finished part of a sweep says: indices, or the tables of robustness
 #[derive(Debug, Args)]
 pub struct ShowArgs {
     /// Folder of the sweep
@@ -25,7 +28,7 @@ pub struct ShowArgs {
     /// Use the first N blocks only
     #[arg(long, value_name = "N")]
     blocks: Option<u32>,
-    /// JSON instead of a table (schema: sensitivity.schema.json)
+    /// JSON instead of a table (schema: sensitivity.schema.json, robustness.schema.json)
     #[arg(long)]
     json: bool,
 }
@@ -35,6 +38,15 @@ pub struct ShowArgs {
 /// # Errors
 /// [`SweepError`](crate::sweep::SweepError) when there is no sweep or too little of it.
 pub async fn execute(args: &ShowArgs, talk: &Talk) -> Result<Exit, CliError> {
+    if let SweepSpec::Robustness(spec) = folder::read(&args.folder)?.sweep {
+        let (result, _) = robustness::stored(&args.folder, &spec).await?;
+        if args.json {
+            talk.json(&result)?;
+        } else {
+            talk.data(&robustness_text::tables(&result, talk))?;
+        }
+        return Ok(Exit::Ok);
+    }
     let record = outcome::analysed(&args.folder, args.blocks, &mut Phases::default()).await?;
     if args.json {
         talk.json(&record)?;

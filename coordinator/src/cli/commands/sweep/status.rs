@@ -4,13 +4,15 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use cardiotwin_schemas::SCHEMA_VERSION;
+use cardiotwin_schemas::robustness::RobustnessSpec;
 use cardiotwin_schemas::status::PatientStatus;
+use cardiotwin_schemas::sweep::SweepSpec;
 use clap::Args;
 use serde::Serialize;
 
 use crate::cli::error::CliError;
 use crate::cli::exit::Exit;
-use crate::cli::talk::Talk;
+use crate::cli::talk::{Talk, count};
 use crate::engine::Reader;
 use crate::sweep::folder;
 use crate::sweep::gsa::{chunks, spec};
@@ -49,6 +51,9 @@ struct SweepStatus {
 /// # Errors
 /// [`SweepError::NoSweep`](crate::sweep::SweepError::NoSweep); the store's.
 pub async fn execute(args: &StatusArgs, talk: &Talk) -> Result<Exit, CliError> {
+    if let SweepSpec::Robustness(spec) = folder::read(&args.folder)?.sweep {
+        return robustness(args, &spec, talk).await;
+    }
     let status = read(&args.folder).await?;
     if args.json {
         talk.json(&status)?;
@@ -58,6 +63,48 @@ pub async fn execute(args: &StatusArgs, talk: &Talk) -> Result<Exit, CliError> {
             talk.hint(&format!("`cardiotwin sweep show {}` shows the indices so far", args.folder.display()));
         }
     }
+    Ok(Exit::Ok)
+}
+
+/// How far a robustness sweep is.
+#[derive(Debug, Serialize)]
+struct RobustnessStatus {
+    schema_version: u32,
+    kind: &'static str,
+    over: &'static str,
+    /// UTC, RFC 3339: when the store was read.
+    as_of: String,
+    coordinator_running: bool,
+    patients: usize,
+    /// Personalisations by state.
+    members: BTreeMap<String, u64>,
+    failed: Vec<PatientStatus>,
+}
+
+async fn robustness(args: &StatusArgs, spec: &RobustnessSpec, talk: &Talk) -> Result<Exit, CliError> {
+    let status = Reader::open(&args.folder).await?.status().await?;
+    let found = RobustnessStatus {
+        schema_version: SCHEMA_VERSION,
+        kind: "robustness",
+        over: spec.over.word(),
+        as_of: status.as_of,
+        coordinator_running: status.coordinator_running,
+        patients: spec.patients.len(),
+        members: status.counts,
+        failed: status.patients.into_iter().filter(|member| member.state == "failed").collect(),
+    };
+    if args.json {
+        talk.json(&found)?;
+        return Ok(Exit::Ok);
+    }
+    let ending = ending(&found.members, found.coordinator_running, &found.as_of);
+    let patients = count(found.patients, "patient");
+    let line = format!("robustness, {}: {patients}; personalisations: {ending}", found.over);
+    talk.data(&(failures(&found.failed) + &line))?;
+    let folder = args.folder.display();
+    talk.hint(&format!(
+        "`cardiotwin sweep show {folder}` shows the tables so far, `cardiotwin status {folder}` each member"
+    ));
     Ok(Exit::Ok)
 }
 
@@ -84,21 +131,26 @@ async fn read(folder: &Path) -> Result<SweepStatus, CliError> {
 }
 
 fn text(status: &SweepStatus) -> String {
-    let mut text = String::new();
-    for member in &status.failed {
+    let ending = ending(&status.chunks, status.coordinator_running, &status.as_of);
+    let line = format!(
+        "{}: {} of {} blocks complete ({} samples); chunks: {ending}",
+        status.kind, status.blocks_complete, status.blocks, status.samples_complete,
+    );
+    failures(&status.failed) + &line
+}
+
+/// A line for each failed member.
+fn failures(failed: &[PatientStatus]) -> String {
+    let line = |member: &PatientStatus| {
         let class = member.failure_class.map_or("", |class| class.as_str());
-        text.push_str(&format!("{}  failed [{class}] {}\n", member.patient, member.note));
-    }
-    let chunks: Vec<String> = status.chunks.iter().map(|(state, n)| format!("{n} {state}")).collect();
-    let coordinator = if status.coordinator_running { "a coordinator is running" } else { "no coordinator is running" };
-    text.push_str(&format!(
-        "{}: {} of {} blocks complete ({} samples); chunks: {}; {coordinator}; as of {}\n",
-        status.kind,
-        status.blocks_complete,
-        status.blocks,
-        status.samples_complete,
-        chunks.join(", "),
-        status.as_of
-    ));
-    text
+        format!("{}  failed [{class}] {}\n", member.patient, member.note)
+    };
+    failed.iter().map(line).collect()
+}
+
+/// Members by state, who is at work, and when.
+fn ending(counts: &BTreeMap<String, u64>, coordinator_running: bool, as_of: &str) -> String {
+    let counts: Vec<String> = counts.iter().filter(|(_, n)| **n > 0).map(|(state, n)| format!("{n} {state}")).collect();
+    let coordinator = if coordinator_running { "a coordinator is running" } else { "no coordinator is running" };
+    format!("{}; {coordinator}; as of {as_of}\n", counts.join(", "))
 }
