@@ -1,0 +1,144 @@
+//! What `sacct` answers: jobs of the past, from the database. It lags behind by seconds, may be down or absent, and
+//! knows a requeued job more than once.
+
+use super::{NoAnswer, Output, Table};
+use crate::job::{Jobs, number};
+use crate::state::{SlurmState, cancelled_by};
+use crate::walltime;
+
+/// Columns asked for; the name, which may hold anything, last.
+pub const COLUMNS: &str =
+    "JobID,JobIDRaw,State,ExitCode,Reason,Submit,Start,End,ElapsedRaw,NNodes,AllocCPUS,NodeList,Partition,QOS,JobName";
+
+/// The code with which a job ended: that of its script, or the signal that ended it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub struct ExitCode {
+    /// Of the script.
+    pub code: u8,
+    /// The signal, 0 where there was none. Out of memory is 125 here, which is no signal.
+    pub signal: u8,
+}
+
+/// A job, or one run of a requeued job.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct AccountingRow {
+    /// Which job or jobs.
+    pub jobs: Jobs,
+    /// Its own number; empty knowledge for collapsed rows.
+    pub raw: Option<u64>,
+    /// Its name.
+    pub name: String,
+    /// Its state.
+    pub state: SlurmState,
+    /// Who cancelled it.
+    pub cancelled_by: Option<u32>,
+    /// How it ended.
+    pub exit: Option<ExitCode>,
+    /// Slurm's last reason.
+    pub reason: String,
+    /// When it was submitted, seconds since 1970.
+    pub submitted: Option<i64>,
+    /// When it started, seconds since 1970.
+    pub start: Option<i64>,
+    /// When it ended, seconds since 1970.
+    pub end: Option<i64>,
+    /// How long it ran, s.
+    pub elapsed_s: Option<u64>,
+    /// Nodes.
+    pub n_nodes: Option<u32>,
+    /// Cores.
+    pub n_cores: Option<u32>,
+    /// Names of its nodes, compressed.
+    pub nodes: String,
+    /// Partition.
+    pub partition: String,
+    /// Quality of service.
+    pub qos: String,
+}
+
+/// Reads the answer to [`crate::commands::accounting`].
+///
+/// # Errors
+/// [`NoAnswer`] where there is no accounting, its daemon is down, or something else was printed.
+pub fn read(output: &Output) -> Result<Table<AccountingRow>, NoAnswer> {
+    let header = format!("{}|", COLUMNS.replace(',', "|"));
+    super::table("sacct", output, &header, "", "|", |cells| {
+        let [id, raw, state, exit, reason, submit, start, end, elapsed, n_nodes, n_cores, nodes, partition, qos, name] =
+            cells
+        else {
+            return None;
+        };
+        if state.is_empty() || name.is_empty() {
+            return None;
+        }
+        let n_exit = exit.split_once(':').map(|(code, signal)| (number::<u8>(code), number::<u8>(signal)));
+        Some(AccountingRow {
+            jobs: Jobs::parse(id)?,
+            raw: number(raw),
+            name: (*name).to_owned(),
+            state: SlurmState::parse(state),
+            cancelled_by: cancelled_by(state),
+            exit: n_exit.and_then(|(code, signal)| Some(ExitCode { code: code?, signal: signal? })),
+            reason: (*reason).to_owned(),
+            submitted: walltime::instant(submit),
+            start: walltime::instant(start),
+            end: walltime::instant(end),
+            elapsed_s: number(elapsed),
+            n_nodes: number(n_nodes),
+            n_cores: number(n_cores),
+            nodes: if *nodes == "None assigned" { String::new() } else { (*nodes).to_owned() },
+            partition: (*partition).to_owned(),
+            qos: (*qos).to_owned(),
+        })
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{Exit, NoAnswer, Output, recorded};
+    use super::{COLUMNS, ExitCode, read};
+    use crate::state::SlurmState;
+    use proptest::prelude::*;
+
+    #[test]
+    fn real_endings() {
+        let table = read(&recorded::output("sacct-ended")).expect("sacct answered");
+        assert!(table.is_whole(), "{:?}", table.unreadable);
+        let row = |name: &str| table.rows.iter().find(|row| row.name == name).unwrap_or_else(|| panic!("{name}"));
+        let exit = |code, signal| Some(ExitCode { code, signal });
+        assert_eq!((&row("ct-short").state, row("ct-short").exit), (&SlurmState::Completed, exit(0, 0)));
+        assert_eq!((&row("ct-exit3").state, row("ct-exit3").exit), (&SlurmState::Failed, exit(3, 0)));
+        assert_eq!((&row("ct-killed").state, row("ct-killed").exit), (&SlurmState::Failed, exit(0, 9)));
+        assert_eq!(row("ct-walltime").state, SlurmState::Timeout);
+        assert_eq!(row("ct-node").state, SlurmState::NodeFail);
+        assert_eq!((&row("ct-person").state, row("ct-person").cancelled_by), (&SlurmState::Cancelled, Some(0)));
+        assert_eq!(row("odd|name").exit, exit(3, 0));
+        let requeued = table.rows.iter().filter(|row| row.name == "ct-requeued").map(|row| &row.state);
+        assert_eq!(requeued.collect::<Vec<_>>(), [&SlurmState::NodeFail, &SlurmState::Cancelled], "both runs, by --duplicates");
+    }
+
+    #[test]
+    fn a_database_that_does_not_answer_is_no_empty_database() {
+        assert!(matches!(read(&recorded::output("sacct-no-slurmdbd")), Err(NoAnswer::Failed { .. })));
+        assert_eq!(read(&recorded::output("sacct-lag")).expect("an empty answer").rows, []);
+    }
+
+    proptest! {
+        #[test]
+        fn no_text_panics(odd in "(\\PC|\n){0,300}") {
+            let stdout = format!("{}|\n{odd}", COLUMNS.replace(',', "|"));
+            let _ = read(&Output { exit: Exit::Code(0), stdout, stderr: String::new() });
+        }
+
+        #[test]
+        fn a_cut_answer_tells_less_and_nothing_else(cut in 0_usize..6000) {
+            let mut output = recorded::output("sacct-ended");
+            let rows = read(&output).expect("sacct answered").rows;
+            output.stdout.truncate(cut.min(output.stdout.len()));
+            if let Ok(table) = read(&output) {
+                prop_assert_eq!(&rows[..table.rows.len()], &table.rows[..]);
+                prop_assert!(table.unreadable.len() <= 1);
+            }
+        }
+    }
+}

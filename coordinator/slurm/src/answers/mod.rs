@@ -1,0 +1,143 @@
+//! What Slurm's commands answer, read into types.
+//!
+//! Robust to banners, cluster suffixes and cut output: a table is believed only below its header, a row only with all
+//! its columns and its end; what cannot be read is handed back as such. Nothing is made up for it.
+
+pub mod accounting;
+pub mod config;
+pub mod qos;
+pub mod queue;
+pub mod submit;
+
+/// How a command ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Exit {
+    /// By itself, with this code.
+    Code(i32),
+    /// Killed by this signal.
+    Signal(i32),
+    /// We stopped waiting for it.
+    TimedOut,
+}
+
+/// What a command left.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Output {
+    /// How it ended.
+    pub exit: Exit,
+    /// Its standard output, invalid UTF-8 replaced.
+    pub stdout: String,
+    /// Its standard error, invalid UTF-8 replaced.
+    pub stderr: String,
+}
+
+/// Why an output is no answer: the world is unknown, not empty.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum NoAnswer {
+    /// The command failed.
+    #[error("{command} failed ({}): {said}", ended(*.exit))]
+    Failed {
+        /// Which.
+        command: &'static str,
+        /// How it ended.
+        exit: Exit,
+        /// First line that it said on standard error.
+        said: String,
+    },
+    /// It ended well but printed no header of ours.
+    #[error("{command} printed something else than the table that was asked for: '{found}'")]
+    NoHeader {
+        /// Which.
+        command: &'static str,
+        /// First line that it printed.
+        found: String,
+    },
+}
+
+fn ended(exit: Exit) -> String {
+    match exit {
+        Exit::Code(code) => format!("exit code {code}"),
+        Exit::Signal(signal) => format!("killed by signal {signal}"),
+        Exit::TimedOut => "it did not answer in time".to_owned(),
+    }
+}
+
+/// Rows of a table, and the lines below its header that are no rows.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Table<Row> {
+    /// Rows that could be read whole.
+    pub rows: Vec<Row>,
+    /// Lines that begin like a row but cannot be read: what they speak of is unknown.
+    pub unreadable: Vec<String>,
+}
+
+impl<Row> Table<Row> {
+    /// Whether every row could be read. Only then may a count of rows be taken for a count of jobs.
+    #[must_use]
+    pub fn is_whole(&self) -> bool {
+        self.unreadable.is_empty()
+    }
+}
+
+/// Reads a table whose columns are separated by `|`, whose rows end with `end`, and whose last column may hold `|`.
+fn table<Row>(
+    command: &'static str,
+    output: &Output,
+    header: &str,
+    start: &str,
+    end: &str,
+    read: impl Fn(&[&str]) -> Option<Row>,
+) -> Result<Table<Row>, NoAnswer> {
+    if output.exit != Exit::Code(0) {
+        let said = first_line(&output.stderr).to_owned();
+        return Err(NoAnswer::Failed { command, exit: output.exit, said });
+    }
+    let mut lines = output.stdout.split('\n').map(|line| line.strip_suffix('\r').unwrap_or(line));
+    if !lines.any(|line| line == header) {
+        return Err(NoAnswer::NoHeader { command, found: first_line(&output.stdout).to_owned() });
+    }
+    let n_columns = header.strip_prefix(start).and_then(|h| h.strip_suffix(end)).map_or(0, |h| h.split('|').count());
+    let (mut rows, mut unreadable) = (Vec::new(), Vec::new());
+    for line in lines.filter(|line| !line.trim().is_empty()) {
+        let inner = line.strip_prefix(start).and_then(|rest| rest.strip_suffix(end));
+        let cells = inner.map(|inner| inner.splitn(n_columns, '|').collect::<Vec<_>>());
+        match cells.filter(|cells| cells.len() == n_columns).and_then(|cells| read(&cells)) {
+            Some(row) => rows.push(row),
+            None => unreadable.push(line.to_owned()),
+        }
+    }
+    Ok(Table { rows, unreadable })
+}
+
+fn first_line(text: &str) -> &str {
+    text.lines().find(|line| !line.trim().is_empty()).unwrap_or("").trim()
+}
+
+/// Recorded answers of a real Slurm, for tests.
+#[cfg(test)]
+pub(crate) mod recorded {
+    use super::{Exit, Output};
+
+    /// Reads `tests/recorded/NAME.txt`.
+    pub fn output(name: &str) -> Output {
+        let file = format!("{}/tests/recorded/{name}.txt", env!("CARGO_MANIFEST_DIR"));
+        let text = std::fs::read_to_string(&file).unwrap_or_else(|e| panic!("cannot read {file}: {e}"));
+        let (head, rest) = text.split_once("--- stdout\n").expect("a recorded answer has its stdout");
+        let (stdout, stderr) = rest.split_once("--- stderr\n").expect("a recorded answer has its stderr");
+        let code = head.lines().find_map(|line| line.strip_prefix("rc ")).expect("a recorded answer has its exit code");
+        let code = code.parse().expect("an exit code is a number");
+        Output { exit: Exit::Code(code), stdout: stdout.to_owned(), stderr: stderr.to_owned() }
+    }
+
+    /// Names of all recorded answers that begin so.
+    pub fn names(start: &str) -> Vec<String> {
+        let folder = format!("{}/tests/recorded", env!("CARGO_MANIFEST_DIR"));
+        let mut names = std::fs::read_dir(&folder)
+            .expect("the folder of recorded answers")
+            .filter_map(|entry| entry.ok()?.file_name().to_str()?.strip_suffix(".txt").map(str::to_owned))
+            .filter(|name| name.starts_with(start))
+            .collect::<Vec<_>>();
+        names.sort();
+        names
+    }
+}

@@ -1,0 +1,212 @@
+//! What `sbatch --parsable` answers: accepted, refused, or doubtful.
+//!
+//! A doubtful answer is no failure: `sbatch` that timed out may have submitted. Its job's name is looked up, and adopted
+//! where it is found. A refusal is believed only in the words of the controller or of sbatch's own check.
+
+use super::{Exit, Output, first_line};
+use crate::job::{JobId, number};
+use crate::reason::{self, WaitsFor};
+
+/// What became of a submission.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Submission {
+    /// Slurm has it under this number (of the array, for an array).
+    Accepted {
+        /// The number.
+        job: JobId,
+        /// The cluster that sbatch named, in a federation.
+        cluster: Option<String>,
+    },
+    /// Slurm does not have it, and why. A memory or node demand that no node meets may all the same leave a row of that
+    /// name that ended as FAILED with reason BadConstraints: it never ran.
+    Refused(Refusal),
+    /// Slurm may have it: look the name up before anything else.
+    Doubtful {
+        /// What was seen.
+        why: String,
+    },
+}
+
+/// A refusal in Slurm's words, and what it means for the next try.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Refusal {
+    /// What it means.
+    pub kind: RefusalKind,
+    /// What Slurm said, its detail first.
+    pub said: String,
+}
+
+/// What a refusal means for the next try.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum RefusalKind {
+    /// A limit on all of the user's or account's jobs: passes once others have ended.
+    Limit,
+    /// A policy that Slurm did not name: as a limit, but told to a person sooner.
+    UnnamedPolicy,
+    /// The controller takes no job at present.
+    Busy,
+    /// A budget that is spent, an account that is closed: a person has to act.
+    Person,
+    /// The demand can never be met as it is: never tried again as it is.
+    Impossible,
+}
+
+/// Reasons behind "Batch job submission failed:", with what they mean. Others are doubtful.
+const FAILURES: &[(&str, RefusalKind)] = {
+    use RefusalKind::{Busy, Impossible, Person};
+    &[
+        ("Invalid account or account/partition combination specified", Person),
+        ("Invalid qos specification", Impossible),
+        ("Invalid partition name specified", Impossible),
+        ("Requested node configuration is not available", Impossible),
+        ("Node count specification invalid", Impossible),
+        ("More processors requested than permitted", Impossible),
+        ("Memory required by task is not available", Impossible),
+        ("Requested time limit is invalid", Impossible),
+        ("Requested partition configuration not available now", Busy),
+        ("Required partition not available", Busy),
+        ("Required node not available", Busy),
+        ("Invalid job array specification", Impossible),
+        ("Job dependency problem", Impossible),
+        ("Invalid feature specification", Impossible),
+        ("Invalid node name specified", Impossible),
+        ("Access/permission denied", Person),
+        ("User's group not permitted to use this partition", Person),
+        ("Invalid directory", Impossible),
+        ("Pathname of a file, directory or other parameter too long", Impossible),
+        ("Unspecified error", Busy),
+        ("Slurm temporarily unable to accept job", Busy),
+        ("Resource temporarily unavailable", Busy),
+    ]
+};
+
+/// Reads what `sbatch --parsable` left.
+#[must_use]
+pub fn read(output: &Output) -> Submission {
+    match output.exit {
+        Exit::Code(0) => accepted(&output.stdout),
+        Exit::Code(code) => failed(code, &output.stderr),
+        Exit::Signal(signal) => Submission::Doubtful { why: format!("sbatch was killed by signal {signal}") },
+        Exit::TimedOut => Submission::Doubtful { why: "sbatch did not answer in time".to_owned() },
+    }
+}
+
+/// `12`, or `12;cluster`, alone on its line. Two such lines of different jobs are none.
+fn accepted(stdout: &str) -> Submission {
+    let mut found = Vec::new();
+    for line in stdout.split('\n').map(|line| line.strip_suffix('\r').unwrap_or(line)) {
+        let (id, cluster) = line.split_once(';').map_or((line, None), |(id, cluster)| (id, Some(cluster)));
+        let named = |c: char| c.is_ascii_alphanumeric() || matches!(c, '-' | '_' | '.');
+        let good = cluster.is_none_or(|cluster| !cluster.is_empty() && cluster.chars().all(named));
+        if let (true, Some(job)) = (good, number::<u64>(id).filter(|job| *job > 0)) {
+            found.push((job, cluster.map(str::to_owned)));
+        }
+    }
+    found.dedup();
+    match found.as_slice() {
+        [(job, cluster)] => Submission::Accepted { job: JobId::single(*job), cluster: cluster.clone() },
+        [] => Submission::Doubtful { why: format!("sbatch ended well but named no job: '{}'", first_line(stdout)) },
+        more => Submission::Doubtful { why: format!("sbatch named {} different jobs", more.len()) },
+    }
+}
+
+fn failed(code: i32, stderr: &str) -> Submission {
+    let said = |wanted: &str| stderr.lines().find_map(|line| line.split_once(wanted).map(|(_, rest)| rest.trim()));
+    // Of a --test-only the last words are "allocation failure: …".
+    let last = said("Batch job submission failed: ").or_else(|| said("allocation failure: "));
+    if let Some(last) = last {
+        let details = stderr.lines().filter_map(|line| line.trim().strip_prefix("sbatch: error: ")).map(str::trim);
+        let detail = details.filter(|detail| !detail.starts_with("Batch job submission failed")).last();
+        let said = detail.map_or_else(|| last.to_owned(), |detail| format!("{detail} ({last})"));
+        if last.starts_with("Job violates accounting/QOS policy") {
+            let kind = match detail.and_then(reason::limit).map(|why| why.waits_for) {
+                Some(WaitsFor::Limit) => RefusalKind::Limit,
+                Some(WaitsFor::Never) => RefusalKind::Impossible,
+                Some(WaitsFor::Person) => RefusalKind::Person,
+                _ => RefusalKind::UnnamedPolicy,
+            };
+            return Submission::Refused(Refusal { kind, said });
+        }
+        if let Some((_, kind)) = FAILURES.iter().find(|(start, _)| last.starts_with(start)) {
+            return Submission::Refused(Refusal { kind: *kind, said });
+        }
+        return Submission::Doubtful { why: said };
+    }
+    // sbatch's own checks, before it spoke to the controller.
+    for own in ["unrecognized option", "invalid option", "option requires an argument", "Unable to open file"] {
+        if let Some(line) = stderr.lines().find(|line| line.starts_with("sbatch: ") && line.contains(own)) {
+            let said = line.trim_start_matches("sbatch: ").trim_start_matches("error: ").to_owned();
+            return Submission::Refused(Refusal { kind: RefusalKind::Impossible, said });
+        }
+    }
+    Submission::Doubtful { why: format!("sbatch ended with exit code {code}: '{}'", first_line(stderr)) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::recorded;
+    use super::{Exit, Output, RefusalKind, Submission, read};
+    use proptest::prelude::*;
+
+    fn good(stdout: &str) -> Submission {
+        read(&Output { exit: Exit::Code(0), stdout: stdout.to_owned(), stderr: String::new() })
+    }
+
+    #[test]
+    fn what_a_real_slurm_answered() {
+        let mut table = String::new();
+        for name in recorded::names("sbatch-") {
+            if !name.contains("test-only") || name.contains("refused") {
+                table += &format!("{name}: {:?}\n", read(&recorded::output(&name)));
+            }
+        }
+        insta::assert_snapshot!(table);
+    }
+
+    #[test]
+    fn banners_and_clusters() {
+        let banner = "** Maintenance on 12 March **\n\n4711;archer2\n";
+        let Submission::Accepted { job, cluster } = good(banner) else { panic!("an id below a banner") };
+        assert_eq!((job.to_string().as_str(), cluster.as_deref()), ("4711", Some("archer2")));
+        for odd in ["", "\n", "Submitted batch job 12", "12\n13\n", "0", "-3", "12 ", "12;", "12;a b", "99999999999999999999"] {
+            assert!(matches!(good(odd), Submission::Doubtful { .. }), "{odd:?}");
+        }
+        let cut = read(&Output { exit: Exit::TimedOut, stdout: "12\n".to_owned(), stderr: String::new() });
+        assert!(matches!(cut, Submission::Doubtful { .. }), "who did not end well is not believed");
+    }
+
+    #[test]
+    fn a_limit_passes_and_a_demand_does_not() {
+        let kind = |name: &str| match read(&recorded::output(name)) {
+            Submission::Refused(refusal) => refusal.kind,
+            other => panic!("{name}: {other:?}"),
+        };
+        assert_eq!(kind("sbatch-refused-submit-limit"), RefusalKind::Limit);
+        assert_eq!(kind("sbatch-refused-walltime"), RefusalKind::Impossible);
+        assert_eq!(kind("sbatch-refused-qos-size"), RefusalKind::Impossible);
+        assert_eq!(kind("sbatch-refused-account"), RefusalKind::Person);
+        assert!(matches!(read(&recorded::output("sbatch-frozen")), Submission::Doubtful { .. }));
+        assert!(matches!(read(&recorded::output("sbatch-no-slurmctld")), Submission::Doubtful { .. }));
+    }
+
+    proptest! {
+        #[test]
+        fn a_job_is_never_invented(stdout in "(\\PC|\n){0,80}", stderr in "(\\PC|\n){0,80}", code in 0..3_i32) {
+            let output = Output { exit: Exit::Code(code), stdout: stdout.clone(), stderr };
+            if let Submission::Accepted { job, .. } = read(&output) {
+                prop_assert_eq!(code, 0);
+                let said = stdout.lines().any(|line| line.split(';').next().and_then(|id| id.parse::<u64>().ok()) == Some(job.job));
+                prop_assert!(said);
+            }
+        }
+
+        #[test]
+        fn an_id_survives_any_banner(before in "([^;\n]*[a-z* ]\n){0,3}", id in 1_u64..1_000_000_000) {
+            let said = format!("{before}{id}\n");
+            match good(&said) {
+                Submission::Accepted { job, .. } => prop_assert_eq!(job.job, id),
+                other => prop_assert!(false, "{:?}", other),
+            }
+        }
+    }
+}

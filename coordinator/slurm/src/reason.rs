@@ -1,0 +1,164 @@
+//! Why a job waits, in words, and whether waiting helps.
+
+/// Who or what a waiting job waits for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum WaitsFor {
+    /// Free nodes, or its turn: waiting helps.
+    Turn,
+    /// A limit on the user's or the account's jobs: waiting helps once others have ended.
+    Limit,
+    /// A person: waiting does not help by itself.
+    Person,
+    /// Another job, or a time that was asked for.
+    Event,
+    /// Nothing that will come: it never starts as it is.
+    Never,
+    /// Not known.
+    Unlisted,
+}
+
+/// A reason that Slurm gives for a waiting job.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Why {
+    /// For a person, lower case, no full stop.
+    pub words: String,
+    /// For a decision.
+    pub waits_for: WaitsFor,
+}
+
+/// Reasons with their own words (squeue manual page, "job reason codes"). Those of limits are composed, see [`limit`].
+const REASONS: &[(&str, WaitsFor, &str)] = {
+    use WaitsFor::{Event, Never, Person, Turn};
+    &[
+        ("None", Turn, "not looked at by the scheduler yet"),
+        ("WaitingForScheduling", Turn, "not looked at by the scheduler yet"),
+        ("Priority", Turn, "jobs of higher priority are before it"),
+        ("Resources", Turn, "the nodes that it needs are in use"),
+        ("Cleaning", Turn, "its earlier run is still being cleared away"),
+        ("Prolog", Turn, "its nodes are being made ready"),
+        ("Reservation", Turn, "waits for its reservation"),
+        ("Licenses", Turn, "waits for a licence"),
+        ("NodeDown", Turn, "a node that it needs is down"),
+        ("ReqNodeNotAvail", Turn, "a node that it needs is down, drained or reserved, perhaps for maintenance"),
+        ("PartitionDown", Person, "the partition is down"),
+        ("PartitionInactive", Person, "the partition takes no jobs at present"),
+        ("FrontEndDown", Turn, "no front-end node is up"),
+        ("JobArrayTaskLimit", Turn, "the array's own limit on elements at once"),
+        ("BeginTime", Event, "its begin time has not come, or it was requeued a moment ago"),
+        ("Dependency", Event, "waits for another job to end"),
+        ("DependencyNeverSatisfied", Never, "waits for a job that did not end as demanded"),
+        ("JobHeldUser", Person, "held by its user: scontrol release JOB"),
+        ("JobHeldAdmin", Person, "held by an administrator: ask the site"),
+        ("JobHoldMaxRequeue", Person, "was requeued too often and is held: scontrol release JOB"),
+        ("launch failed requeued held", Person, "could not be started, requeued and held: scontrol release JOB"),
+        ("job requeued in held state", Person, "requeued and held: scontrol release JOB"),
+        ("JobLaunchFailure", Never, "could not be started: a file system, a missing program, a node"),
+        ("BadConstraints", Never, "no node of the site is as demanded"),
+        ("InvalidAccount", Never, "the account is not valid (any more)"),
+        ("InvalidQOS", Never, "the QoS is not valid (any more)"),
+        ("AccountNotAllowed", Never, "the partition does not take this account"),
+        ("QOSNotAllowed", Never, "the partition or account does not take this QoS"),
+        ("PartitionNodeLimit", Never, "more or fewer nodes than the partition allows, or its nodes are not up"),
+        ("PartitionTimeLimit", Never, "a longer walltime than the partition allows"),
+        ("DeadLine", Never, "cannot end before its deadline"),
+        ("TimeLimit", Never, "used up its walltime"),
+        ("NonZeroExitCode", Never, "ended with an exit code other than 0"),
+        ("SystemFailure", Person, "a failure of Slurm, a file system or the network"),
+    ]
+};
+
+/// Why a job waits. `reason` is squeue's `%r`.
+#[must_use]
+pub fn why(reason: &str) -> Why {
+    let plain = reason.trim_matches(['(', ')']);
+    let key = plain.split_once(',').map_or(plain, |(key, _)| key).trim(); // "ReqNodeNotAvail, UnavailableNodes:n4"
+    if let Some((_, waits_for, words)) = REASONS.iter().find(|(name, ..)| *name == key) {
+        return Why { words: (*words).to_owned(), waits_for: *waits_for };
+    }
+    if let Some(why) = limit(key) {
+        return why;
+    }
+    Why { words: format!("Slurm says '{reason}', which is not in our list"), waits_for: WaitsFor::Unlisted }
+}
+
+/// Limits: `QOSMaxJobsPerUserLimit` and some hundred more are a holder, a measure and a scope.
+///
+/// What a job itself asks for beyond a limit on one job never fits; a limit on all of somebody's jobs passes.
+#[must_use]
+pub fn limit(key: &str) -> Option<Why> {
+    let (holder, measure) = if let Some(rest) = key.strip_prefix("QOS") {
+        ("the QoS's", rest)
+    } else if let Some(rest) = key.strip_prefix("Assoc") {
+        ("the account's", rest)
+    } else if key.starts_with("MaxBillingPerAccount") {
+        ("the account's", key)
+    } else {
+        return None;
+    };
+    const KINDS: &[(&str, WaitsFor, &str)] = &[
+        ("MaxWallDurationPerJobLimit", WaitsFor::Never, "limit on a job's walltime: ask for less"),
+        ("TimeLimit", WaitsFor::Never, "limit on a job's walltime: ask for less"),
+        ("MaxSubmitJob", WaitsFor::Limit, "limit on jobs in the queue"),
+        ("GrpSubmitJobsLimit", WaitsFor::Limit, "limit on jobs in the queue"),
+        ("MaxJobsPer", WaitsFor::Limit, "limit on jobs that run at once"),
+        ("MaxJobsLimit", WaitsFor::Limit, "limit on jobs that run at once"),
+        ("JobLimit", WaitsFor::Limit, "limit on jobs that run at once"),
+        ("GrpJobsLimit", WaitsFor::Limit, "limit on jobs that run at once"),
+        ("UsageThreshold", WaitsFor::Person, "threshold on usage: the budget may be spent"),
+        ("GrpWallLimit", WaitsFor::Person, "budget of walltime, which is spent"),
+        ("NotAllowed", WaitsFor::Never, "list of what is allowed: this is not in it"),
+    ];
+    if let Some((_, waits_for, words)) = KINDS.iter().find(|(start, ..)| measure.starts_with(start)) {
+        return Some(Why { words: format!("{holder} {words}"), waits_for: *waits_for });
+    }
+    let resource = ["Node", "Cpu", "CPU", "Memory", "Mem", "Billing", "GRES", "Energy", "License", "BB"]
+        .into_iter()
+        .find(|resource| measure.contains(resource))?;
+    let of = match resource {
+        "Cpu" | "CPU" => "cores",
+        "Memory" | "Mem" => "memory",
+        "Node" => "nodes",
+        "Billing" => "charge",
+        "License" => "licences",
+        "BB" => "burst buffer",
+        other => other,
+    };
+    Some(if measure.contains("Min") {
+        Why { words: format!("{holder} least {of} of a job: ask for more"), waits_for: WaitsFor::Never }
+    } else if measure.contains("PerJob") || measure.contains("PerNode") {
+        Why { words: format!("{holder} limit on {of} of one job: ask for less"), waits_for: WaitsFor::Never }
+    } else if measure.contains("Minutes") || measure.contains("Mins") {
+        Why { words: format!("{holder} budget of {of}, which is spent or promised"), waits_for: WaitsFor::Person }
+    } else {
+        Why { words: format!("{holder} limit on {of} in use at once"), waits_for: WaitsFor::Limit }
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{WaitsFor, why};
+
+    #[test]
+    fn limits_that_pass_are_told_from_those_that_do_not() {
+        for (reason, waits_for) in [
+            ("QOSMaxJobsPerUserLimit", WaitsFor::Limit),
+            ("QOSMaxSubmitJobPerUserLimit", WaitsFor::Limit),
+            ("QOSMaxNodePerUserLimit", WaitsFor::Limit),
+            ("AssocGrpCpuLimit", WaitsFor::Limit),
+            ("AssocMaxJobsLimit", WaitsFor::Limit),
+            ("QOSMaxCpuPerUserLimit", WaitsFor::Limit),
+            ("QOSMaxWallDurationPerJobLimit", WaitsFor::Never),
+            ("QOSMaxNodePerJobLimit", WaitsFor::Never),
+            ("QOSMinNode", WaitsFor::Never),
+            ("AssocGrpCPUMinutesLimit", WaitsFor::Person),
+            ("AssocGrpCpuMinutesLimit", WaitsFor::Person),
+            ("ReqNodeNotAvail, UnavailableNodes:n4", WaitsFor::Turn),
+            ("Priority", WaitsFor::Turn),
+            ("DependencyNeverSatisfied", WaitsFor::Never),
+            ("Moonphase", WaitsFor::Unlisted),
+        ] {
+            assert_eq!(why(reason).waits_for, waits_for, "{reason}: {}", why(reason).words);
+        }
+        assert!(why("Moonphase").words.contains("Moonphase"));
+    }
+}
