@@ -53,6 +53,11 @@ pub const CRATES: &[Rule] = &[
         why: "decides and keeps books, never simulates: it builds where MPI is absent and stays small",
     },
     Rule {
+        who: "slurm",
+        may: &[],
+        why: "Slurm is data and pure decisions: whoever runs its commands hands in their answers",
+    },
+    Rule {
         who: "tests",
         may: &["schemas", "coordinator"],
         why: "the system is tested from outside, through its binaries and files",
@@ -150,6 +155,11 @@ pub const REFUSALS: &[Refusal] = &[
         why: "an export touches neither store nor network",
     },
     Refusal { folder: "coordinator/src/input", paths: &["sqlx", "tokio", "std::net"], why: "input is files" },
+    Refusal {
+        folder: "coordinator/slurm/src",
+        paths: &["tokio", "sqlx", "clap", "std::fs", "std::env", "std::process", "std::net", "std::time"],
+        why: "what a caller hands in is all that it knows: no I/O, no clock",
+    },
     Refusal { folder: "coordinator/src/dispatch", paths: &["sqlx"], why: "SQL in one place" },
     Refusal { folder: "coordinator/src/engine", paths: &["sqlx"], why: "SQL in one place" },
     Refusal { folder: "coordinator/src/cli", paths: &["sqlx"], why: "SQL in one place" },

@@ -1,0 +1,118 @@
+//! What Slurm's commands are asked: program and arguments, nothing else. Whoever runs them sets [`ENVIRONMENT`], gives
+//! each a time limit, and hands what they left to [`crate::answers`].
+
+use crate::answers::{accounting as sacct, qos as sacctmgr, queue as squeue};
+use crate::job::{JobId, JobName};
+
+/// Set for every command: instants as seconds since 1970 (a local time tells no zone), messages in English, and nothing
+/// from the user's shell that changes what is printed.
+pub const ENVIRONMENT: &[(&str, &str)] = &[("SLURM_TIME_FORMAT", "%s"), ("LC_ALL", "C")];
+/// Removed for every command: they change what is asked or printed.
+pub const NOT_IN_ENVIRONMENT: &[&str] = &[
+    "SQUEUE_FORMAT", "SQUEUE_FORMAT2", "SQUEUE_STATES", "SQUEUE_ARRAY", "SQUEUE_ACCOUNT", "SQUEUE_PARTITION",
+    "SQUEUE_QOS", "SQUEUE_USERS", "SQUEUE_NAMES", "SACCT_FORMAT", "SLURM_JOB_ID", "SBATCH_JOB_NAME", "SBATCH_ARRAY_INX",
+    "SBATCH_REQUEUE", "SBATCH_OUTPUT", "SBATCH_TIMELIMIT", "SBATCH_WAIT", "SBATCH_EXPORT",
+];
+
+/// A command to run.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Command {
+    /// The program, found by `PATH`.
+    pub program: &'static str,
+    /// Its arguments.
+    pub arguments: Vec<String>,
+}
+
+impl Command {
+    fn new<A: Into<String>>(program: &'static str, arguments: impl IntoIterator<Item = A>) -> Self {
+        Self { program, arguments: arguments.into_iter().map(Into::into).collect() }
+    }
+}
+
+/// Submits a script.
+#[must_use]
+pub fn submit(script: &str) -> Command {
+    Command::new("sbatch", ["--parsable", script])
+}
+
+/// Asks whether a script would be taken, and submits nothing.
+#[must_use]
+pub fn test_only(script: &str) -> Command {
+    Command::new("sbatch", ["--test-only", script])
+}
+
+/// All of the user's jobs, ours and others (limits count them all), with those that ended a short while ago. One call
+/// however many jobs; no `--jobs`, which fails when one of them is forgotten.
+#[must_use]
+pub fn queue() -> Command {
+    Command::new("squeue", ["--me", "--array", "--states=all", &format!("--format={}", squeue::FORMAT)])
+}
+
+/// Jobs of the past by name, since the first intent (`since_s`, seconds since 1970); without names, all of the user's.
+/// Without `--starttime` sacct begins at midnight; without `--duplicates` it hides a NODE_FAIL behind a requeue.
+///
+/// Jobs that were cancelled before they were eligible (held, not begun) are never in the answer.
+#[must_use]
+pub fn accounting(names: &[JobName], since_s: i64) -> Command {
+    let mut arguments = vec![
+        "--allocations".to_owned(),
+        "--duplicates".to_owned(),
+        "--parsable".to_owned(),
+        "--noconvert".to_owned(),
+        format!("--starttime=uts{}", since_s.max(0)),
+        format!("--format={}", sacct::COLUMNS),
+    ];
+    if !names.is_empty() {
+        arguments.push(format!("--name={}", names.iter().map(JobName::as_str).collect::<Vec<_>>().join(",")));
+    }
+    Command { program: "sacct", arguments }
+}
+
+/// Cancels jobs by number. A job that has ended is no error of scancel's with `--quiet`.
+#[must_use]
+pub fn cancel(jobs: &[JobId]) -> Command {
+    Command::new("scancel", std::iter::once("--quiet".to_owned()).chain(jobs.iter().map(ToString::to_string)))
+}
+
+/// Cancels all of the user's jobs of a name: for a submission whose number is not known.
+#[must_use]
+pub fn cancel_name(name: &JobName) -> Command {
+    Command::new("scancel", ["--quiet", "--me", &format!("--name={name}")])
+}
+
+/// The site's configuration.
+#[must_use]
+pub fn config() -> Command {
+    Command::new("scontrol", ["show", "config"])
+}
+
+/// The limits of every QoS.
+#[must_use]
+pub fn qos() -> Command {
+    Command::new("sacctmgr", ["--parsable", "show", "qos", &format!("format={}", sacctmgr::COLUMNS)])
+}
+
+/// What a user may charge and use.
+#[must_use]
+pub fn associations(user: &str) -> Command {
+    let columns = format!("format={}", sacctmgr::ASSOCIATION_COLUMNS);
+    Command::new("sacctmgr", ["--parsable", "show", "assoc", "where", &format!("user={user}"), &columns])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{accounting, queue};
+
+    /// Whoever changes a command records its answers anew (tests/recorded/record.sh).
+    #[test]
+    fn the_commands_are_those_that_were_recorded() {
+        let recorded = |name: &str| {
+            let file = format!("{}/tests/recorded/{name}.txt", env!("CARGO_MANIFEST_DIR"));
+            std::fs::read_to_string(file).expect("a recorded answer").lines().next().expect("its command").to_owned()
+        };
+        assert_eq!(recorded("squeue-mixed"), format!("$ squeue {}", queue().arguments.join(" ")));
+        let columns = format!(" --starttime=now-2days {}", accounting(&[], 0).arguments[5]);
+        assert!(recorded("sacct-ended").ends_with(&columns), "{}", recorded("sacct-ended"));
+        assert!(recorded("sacct-ended").contains(&accounting(&[], 0).arguments[..4].join(" ")));
+    }
+}

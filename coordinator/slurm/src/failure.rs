@@ -1,0 +1,301 @@
+//! Why a job ended, and what follows from it.
+//!
+//! Two budgets: `infrastructure` for what the site does to us, `science` for what the models do. A failed node and a
+//! preemption are charged to neither, up to a bound that keeps a broken partition from being fed for ever.
+
+use crate::state::SlurmState;
+use crate::truth::Ended;
+
+/// Why an attempt ended without the result it was to give.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Class {
+    /// It used up its walltime.
+    Walltime,
+    /// It used more memory than it was given.
+    OutOfMemory,
+    /// A node failed, or could not be booted.
+    NodeFailure,
+    /// It had to make room for another job.
+    Preemption,
+    /// A person cancelled it; we did not ask for it.
+    CancelledByPerson,
+    /// Data or settings are wrong.
+    BadInput,
+    /// The solver diverged, or a check of the science failed.
+    Divergence,
+    /// A defect of ours.
+    Panic,
+    /// It ended without a word: killed, or never begun.
+    Unexplained,
+}
+
+/// What the job itself said of its end, read from its outcome by the caller.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum OwnWord {
+    /// It left off in order, with a checkpoint, because its time ran out.
+    LeftOff,
+    /// Its failure's class.
+    BadInput,
+    /// As above.
+    Divergence,
+    /// As above.
+    Panic,
+}
+
+/// What is known of an ending.
+#[derive(Debug, Clone, Copy)]
+pub struct Evidence<'a> {
+    /// What the job said; nothing where it left no outcome.
+    pub own: Option<OwnWord>,
+    /// What the scheduler said; nothing where it did not answer.
+    pub scheduler: Option<&'a Ended>,
+    /// Last part of the job's log, empty where there is none.
+    pub log_tail: &'a str,
+    /// Whether we asked for its cancellation.
+    pub we_cancelled: bool,
+    /// Whether it received the warning before its walltime.
+    pub warned: bool,
+}
+
+/// Class of an ending; `None` where we cancelled it ourselves, or where it completed.
+///
+/// The job's own word comes first: a scheduler that says FAILED does not know of a divergence.
+#[must_use]
+pub fn classify(evidence: &Evidence<'_>) -> Option<Class> {
+    match evidence.own {
+        Some(OwnWord::LeftOff) => return Some(Class::Walltime),
+        Some(OwnWord::BadInput) => return Some(Class::BadInput),
+        Some(OwnWord::Divergence) => return Some(Class::Divergence),
+        Some(OwnWord::Panic) => return Some(Class::Panic),
+        None => {}
+    }
+    let out_of_memory = OUT_OF_MEMORY.iter().any(|words| evidence.log_tail.contains(words));
+    let panicked = evidence.log_tail.contains("panicked at ");
+    let Some(ended) = evidence.scheduler else {
+        return Some(if out_of_memory {
+            Class::OutOfMemory
+        } else if panicked {
+            Class::Panic
+        } else {
+            Class::Unexplained
+        });
+    };
+    Some(match ended.state {
+        SlurmState::Completed => return None,
+        SlurmState::Timeout | SlurmState::Deadline => Class::Walltime,
+        SlurmState::OutOfMemory => Class::OutOfMemory,
+        SlurmState::NodeFail | SlurmState::BootFail => Class::NodeFailure,
+        SlurmState::Preempted => Class::Preemption,
+        SlurmState::Cancelled if evidence.we_cancelled => return None,
+        // OverMemoryKill cancels the step; a dependency that was not met cancels the job: no person did.
+        SlurmState::Cancelled if out_of_memory => Class::OutOfMemory,
+        SlurmState::Cancelled if ended.reason.starts_with("Dependency") => Class::Unexplained,
+        SlurmState::Cancelled => Class::CancelledByPerson,
+        _ if out_of_memory || ended.reason == "OutOfMemory" || ended.exit.is_some_and(|e| e.signal == 125) => Class::OutOfMemory,
+        _ if panicked => Class::Panic,
+        SlurmState::Failed if ended.reason == "BadConstraints" => Class::BadInput,
+        // A script that ends from its own handler of the warning is FAILED or COMPLETED, not TIMEOUT.
+        _ if evidence.warned => Class::Walltime,
+        _ => Class::Unexplained,
+    })
+}
+
+/// What Slurm's stepd and the kernel write before they kill for memory.
+const OUT_OF_MEMORY: &[&str] = &["exceeded memory limit", "oom-kill event", "oom_kill event", "Out Of Memory", "Out of memory"];
+
+/// How often an attempt may be repeated for which kind of reason.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Budgets {
+    /// Of a site's making: memory, unexplained ends, a walltime that brought no progress.
+    pub infrastructure: u32,
+    /// Of the models' making: reruns with other numerics.
+    pub science: u32,
+    /// Free repeats after failed nodes, preemptions and used walltimes that brought progress.
+    pub free: u32,
+}
+
+/// How often it was repeated so far.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Spent {
+    /// Charged to [`Budgets::infrastructure`].
+    pub infrastructure: u32,
+    /// Charged to [`Budgets::science`].
+    pub science: u32,
+    /// Charged to nothing.
+    pub free: u32,
+}
+
+/// What an attempt was given, as far as it can be changed.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Given {
+    /// Ranks on each node.
+    pub ranks_per_node: u32,
+    /// Memory of each rank, MiB.
+    pub memory_per_rank_mib: u64,
+    /// Memory of a node, MiB.
+    pub memory_per_node_mib: u64,
+    /// Nodes that are avoided, as Slurm compresses them.
+    pub excluded: Vec<String>,
+}
+
+/// What follows.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Next {
+    /// A new attempt.
+    Again {
+        /// Goes on from the checkpoint, where there is one.
+        continues: bool,
+        /// What it is given.
+        given: Given,
+        /// What is spent with it.
+        spent: Spent,
+        /// For a person.
+        why: String,
+    },
+    /// The science decides: the best iteration, or a rerun with damping, a smaller step or bounds.
+    Science {
+        /// What is spent with it.
+        spent: Spent,
+    },
+    /// It stays as it is until a person acts.
+    Stays {
+        /// For a person: why, and what to do.
+        why: String,
+    },
+}
+
+/// What follows from an ending. `progressed`: its checkpoint is further than that of the attempt before.
+#[must_use]
+pub fn next(class: Class, ended_on: &str, progressed: bool, given: &Given, spent: Spent, budgets: Budgets) -> Next {
+    let stays = |why: &str| Next::Stays { why: why.to_owned() };
+    let again = |continues: bool, given: Given, charge: fn(&mut Spent) -> &mut u32, why: String| {
+        let mut spent = spent;
+        *charge(&mut spent) += 1;
+        if spent.infrastructure > budgets.infrastructure {
+            return Next::Stays { why: format!("{why}; its {} repeats for the site's failures are used up", budgets.infrastructure) };
+        }
+        if spent.free > budgets.free {
+            return Next::Stays { why: format!("{why}; {} times without a charge is enough: look at the site", budgets.free) };
+        }
+        Next::Again { continues, given, spent, why }
+    };
+    let free: fn(&mut Spent) -> &mut u32 = |spent| &mut spent.free;
+    let charged: fn(&mut Spent) -> &mut u32 = |spent| &mut spent.infrastructure;
+    match class {
+        Class::Walltime if progressed => again(true, given.clone(), free, "its walltime was used up: a new job goes on".to_owned()),
+        Class::Walltime => again(true, given.clone(), charged, "its walltime was used up without progress".to_owned()),
+        Class::OutOfMemory => match more_memory(given) {
+            Some((given, how)) => again(true, given, charged, format!("out of memory: {how}")),
+            None => stays("out of memory with one rank that had a whole node: take more nodes or a coarser mesh"),
+        },
+        Class::NodeFailure => {
+            let mut given = given.clone();
+            if !ended_on.is_empty() && !given.excluded.iter().any(|nodes| nodes == ended_on) {
+                given.excluded.push(ended_on.to_owned());
+            }
+            again(true, given, free, format!("node failure on {}: avoided from now on", if ended_on.is_empty() { "a node" } else { ended_on }))
+        }
+        Class::Preemption => again(true, given.clone(), free, "preempted".to_owned()),
+        Class::CancelledByPerson => stays("cancelled by a person: stays so until it is asked for again"),
+        Class::BadInput => stays("the data or settings are wrong: fix them"),
+        Class::Panic => stays("a defect of the program: see its log and report it"),
+        Class::Divergence if spent.science < budgets.science => {
+            Next::Science { spent: Spent { science: spent.science + 1, ..spent } }
+        }
+        Class::Divergence => stays("the solver diverged, and its reruns are used up"),
+        Class::Unexplained => again(true, given.clone(), charged, "ended without a word".to_owned()),
+    }
+}
+
+/// Half as many ranks on a node, or, with one rank, all of the node's memory.
+fn more_memory(given: &Given) -> Option<(Given, String)> {
+    let mut more = given.clone();
+    if given.ranks_per_node > 1 {
+        more.ranks_per_node = given.ranks_per_node / 2;
+        more.memory_per_rank_mib = given.memory_per_node_mib / u64::from(more.ranks_per_node);
+        let how = format!("{} ranks on a node instead of {}", more.ranks_per_node, given.ranks_per_node);
+        return Some((more, how));
+    }
+    let doubled = given.memory_per_rank_mib.saturating_mul(2).min(given.memory_per_node_mib);
+    more.memory_per_rank_mib = doubled;
+    (doubled > given.memory_per_rank_mib).then(|| (more, format!("{doubled} MiB instead of {}", given.memory_per_rank_mib)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Budgets, Class, Evidence, Given, Next, OwnWord, Spent, classify, next};
+    use crate::answers::{accounting, queue, recorded};
+    use crate::truth::{Truth, Wanted, of};
+    use proptest::prelude::*;
+
+    const BUDGETS: Budgets = Budgets { infrastructure: 2, science: 1, free: 5 };
+
+    fn given() -> Given {
+        Given { ranks_per_node: 128, memory_per_rank_mib: 2000, memory_per_node_mib: 256_000, excluded: Vec::new() }
+    }
+
+    fn class_of(name: &str, log_tail: &str) -> Option<Class> {
+        let queue = queue::read(&recorded::output("squeue-ended")).expect("an answer");
+        let rows = accounting::read(&recorded::output("sacct-ended")).expect("an answer");
+        let Truth::Ended(ended) = of(Wanted { name, element: None }, Some(&queue), Some(&rows)) else { panic!("{name}") };
+        let evidence = Evidence { own: None, scheduler: Some(&ended), log_tail, we_cancelled: false, warned: false };
+        classify(&evidence)
+    }
+
+    #[test]
+    fn endings_of_a_real_slurm() {
+        assert_eq!(class_of("ct-walltime", ""), Some(Class::Walltime));
+        assert_eq!(class_of("ct-node", ""), Some(Class::NodeFailure));
+        assert_eq!(class_of("ct-person", ""), Some(Class::CancelledByPerson));
+        assert_eq!(class_of("ct-short", ""), None);
+        assert_eq!(class_of("ct-exit3", ""), Some(Class::Unexplained));
+        assert_eq!(class_of("ct-exit3", "thread 'main' panicked at worker/src/x.rs:1:1"), Some(Class::Panic));
+        let killed = "slurmstepd: error: StepId=17.batch exceeded memory limit (77611008 > 20971520), being killed";
+        assert_eq!(class_of("ct-memory", killed), Some(Class::OutOfMemory));
+        assert_eq!(class_of("ct-after", ""), Some(Class::Unexplained), "an unmet dependency is no person");
+    }
+
+    #[test]
+    fn the_jobs_own_word_comes_first() {
+        for (own, class) in
+            [(OwnWord::LeftOff, Class::Walltime), (OwnWord::Divergence, Class::Divergence), (OwnWord::Panic, Class::Panic)]
+        {
+            let evidence = Evidence { own: Some(own), scheduler: None, log_tail: "", we_cancelled: false, warned: false };
+            assert_eq!(classify(&evidence), Some(class));
+        }
+    }
+
+    #[test]
+    fn what_follows_from_each_class() {
+        let mut table = String::new();
+        for class in [
+            Class::Walltime, Class::OutOfMemory, Class::NodeFailure, Class::Preemption, Class::CancelledByPerson,
+            Class::BadInput, Class::Divergence, Class::Panic, Class::Unexplained,
+        ] {
+            table += &format!("{class:?}: {:?}\n", next(class, "n4", true, &given(), Spent::default(), BUDGETS));
+        }
+        insta::assert_snapshot!(table);
+    }
+
+    proptest! {
+        /// However things end, it does not go on for ever, and what is given stays within a node.
+        #[test]
+        fn every_series_of_failures_ends(classes in proptest::collection::vec(0_usize..5, 40), progress in any::<u64>()) {
+            let all = [Class::Walltime, Class::OutOfMemory, Class::NodeFailure, Class::Preemption, Class::Unexplained];
+            let (mut spent, mut given, mut n) = (Spent::default(), given(), 0);
+            for (i, class) in classes.into_iter().enumerate() {
+                match next(all[class], "n1", progress >> i & 1 == 1, &given, spent, BUDGETS) {
+                    Next::Again { given: more, spent: now, .. } => {
+                        prop_assert!(now.infrastructure + now.free == spent.infrastructure + spent.free + 1);
+                        prop_assert!(u64::from(more.ranks_per_node) * more.memory_per_rank_mib <= more.memory_per_node_mib);
+                        prop_assert!(more.ranks_per_node >= 1 && more.excluded.len() <= 1);
+                        (given, spent, n) = (more, now, n + 1);
+                    }
+                    Next::Stays { .. } => break,
+                    Next::Science { .. } => prop_assert!(false),
+                }
+            }
+            prop_assert!(n <= BUDGETS.infrastructure + BUDGETS.free);
+        }
+    }
+}

@@ -1,0 +1,342 @@
+//! A model of Slurm, for tests: deterministic, without processes or clock, and faulty on demand.
+//!
+//! It speaks as the real one does (`tests/recorded`), so that a test goes through the same commands, parsers and
+//! decisions. It knows what was observed of a real Slurm 22.05: an sbatch that fails may have submitted; a controller
+//! that is killed loses its youngest jobs, hands their numbers out again and runs others twice; a lost node says
+//! nothing about the process on it; the database lags, and never hears of jobs that were cancelled before they could
+//! start.
+
+mod script;
+mod speech;
+#[cfg(test)]
+mod tests;
+
+use std::collections::BTreeMap;
+
+use crate::state::{Bearing, SlurmState};
+
+/// How a job's processes behave.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Behaviour {
+    /// How long they take, s.
+    pub seconds: i64,
+    /// Their exit code.
+    pub code: u8,
+    /// The signal that ends them, 0 for none; 125 is out of memory.
+    pub signal: u8,
+}
+
+/// Limits of a QoS on a user's jobs.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct Limits {
+    /// Queued or running.
+    pub max_queued: Option<u32>,
+    /// Running.
+    pub max_running: Option<u32>,
+    /// Nodes of a job.
+    pub max_nodes_per_job: Option<u32>,
+    /// Walltime of a job, s.
+    pub walltime_s: Option<u64>,
+}
+
+/// What is set up.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Settings {
+    /// Nodes, `n1` to `n<N>`, each for one job at a time.
+    pub n_nodes: u32,
+    /// Limits by the QoS's name; a QoS that is not here does not exist.
+    pub qos: BTreeMap<String, Limits>,
+    /// How long the queue shows a job that has ended, s.
+    pub min_job_age_s: i64,
+    /// How late the database learns of a change, s.
+    pub accounting_lag_s: i64,
+    /// Whether there is a database.
+    pub has_accounting: bool,
+    /// Most elements of an array.
+    pub max_array_size: u32,
+    /// How processes behave that are not in [`Model::behaviours`].
+    pub behaviour: Behaviour,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        let qos = BTreeMap::from([("normal".to_owned(), Limits::default())]);
+        let behaviour = Behaviour { seconds: 60, code: 0, signal: 0 };
+        Self {
+            n_nodes: 4, qos, min_job_age_s: 300, accounting_lag_s: 2, has_accounting: true, max_array_size: 1001, behaviour,
+        }
+    }
+}
+
+/// What goes wrong with one command. Its effect on the world is had, unless the fault says otherwise.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Fault {
+    /// The effect is had, the answer is "Socket timed out".
+    TimeoutAfter,
+    /// Nothing is had, the answer is "Socket timed out".
+    TimeoutBefore,
+    /// The effect is had, the caller is told nothing: it was killed.
+    KilledAfter,
+    /// The effect is had, the answer is this.
+    Garbage(String),
+    /// The effect is had, the answer stops after so many bytes.
+    Cut(usize),
+    /// The answer comes below a banner.
+    Banner(String),
+    /// No controller, no database.
+    Down,
+}
+
+/// A stretch of a job's processes, whatever Slurm believes of it.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Run {
+    /// Name of the job.
+    pub name: String,
+    /// Element of the array.
+    pub element: Option<u32>,
+    /// When the processes began, s.
+    pub began: i64,
+    /// When they ended by themselves or were killed, s; not while they live.
+    pub ended: Option<i64>,
+    /// Whether they came to their own end.
+    pub completed: bool,
+}
+
+#[derive(Debug, Clone, PartialEq, Eq)]
+struct Job {
+    number: u64,
+    array: Option<(u64, u32)>,
+    request: script::Request,
+    state: SlurmState,
+    reason: String,
+    submitted: i64,
+    start: Option<i64>,
+    end: Option<i64>,
+    nodes: Vec<u32>,
+    code: u8,
+    signal: u8,
+    cancelled: bool,
+    run: Option<usize>,
+}
+
+/// The model. Times are seconds since 1970.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Model {
+    settings: Settings,
+    /// How processes behave, by the job's name.
+    pub behaviours: BTreeMap<String, Behaviour>,
+    now: i64,
+    next_number: u64,
+    jobs: Vec<Job>,
+    runs: Vec<Run>,
+    down: Vec<u32>,
+    /// What the database was told: when, and the job as it was.
+    told: Vec<(i64, Job)>,
+}
+
+impl Model {
+    /// An idle cluster at a fixed time.
+    #[must_use]
+    pub fn new(settings: Settings) -> Self {
+        Self {
+            settings,
+            behaviours: BTreeMap::new(),
+            now: 1_800_000_000,
+            next_number: 1,
+            jobs: Vec::new(),
+            runs: Vec::new(),
+            down: Vec::new(),
+            told: Vec::new(),
+        }
+    }
+
+    /// The time.
+    #[must_use]
+    pub fn now(&self) -> i64 {
+        self.now
+    }
+
+    /// All that ever ran, and what runs: the truth that a client cannot see.
+    #[must_use]
+    pub fn runs(&self) -> &[Run] {
+        &self.runs
+    }
+
+    /// Lets time pass, second by second.
+    pub fn advance(&mut self, seconds: i64) {
+        for _ in 0..seconds {
+            self.now += 1;
+            self.end_what_is_due();
+            self.start_what_fits();
+            let forgotten = self.now - self.settings.min_job_age_s;
+            self.jobs.retain(|job| job.end.is_none_or(|end| end > forgotten));
+        }
+    }
+
+    fn behaviour(&self, name: &str) -> Behaviour {
+        self.behaviours.get(name).copied().unwrap_or(self.settings.behaviour)
+    }
+
+    fn end_what_is_due(&mut self) {
+        let now = self.now;
+        // Processes end by themselves, known to Slurm or not.
+        for run in 0..self.runs.len() {
+            let behaviour = self.behaviour(&self.runs[run].name);
+            if self.runs[run].ended.is_none() && now >= self.runs[run].began + behaviour.seconds {
+                self.runs[run].ended = Some(now);
+                self.runs[run].completed = behaviour.code == 0 && behaviour.signal == 0;
+            }
+        }
+        for i in 0..self.jobs.len() {
+            let job = &self.jobs[i];
+            let (Some(start), Some(run)) = (job.start, job.run) else { continue };
+            if job.state != SlurmState::Running {
+                continue;
+            }
+            if self.runs[run].ended.is_some() {
+                let Behaviour { code, signal, .. } = self.behaviour(&job.request.name);
+                let (state, reason) = match (code, signal) {
+                    (0, 0) => (SlurmState::Completed, "None"),
+                    (_, 125) => (SlurmState::OutOfMemory, "OutOfMemory"),
+                    (_, 0) => (SlurmState::Failed, "NonZeroExitCode"),
+                    _ => (SlurmState::Failed, "JobLaunchFailure"), // what squeue says of a killed script
+                };
+                self.end(i, state, reason, (code, signal));
+            } else if now - start >= i64::try_from(job.request.walltime_s).unwrap_or(i64::MAX) {
+                self.kill(run);
+                self.end(i, SlurmState::Timeout, "TimeLimit", (0, 0));
+            }
+        }
+    }
+
+    fn start_what_fits(&mut self) {
+        for i in 0..self.jobs.len() {
+            if self.jobs[i].state != SlurmState::Pending || self.jobs[i].request.held {
+                continue;
+            }
+            let qos = self.jobs[i].request.qos.clone();
+            let runs = |job: &&Job| job.state == SlurmState::Running;
+            let running = self.jobs.iter().filter(runs).filter(|job| job.request.qos == qos).count();
+            let of_array = self.jobs[i].array.map(|(array, _)| array);
+            let of_same = self.jobs.iter().filter(runs).filter(|j| of_array.is_some() && j.array.map(|a| a.0) == of_array).count();
+            let limit = self.settings.qos.get(&qos).and_then(|limits| limits.max_running);
+            let request = &self.jobs[i].request;
+            if request.at_once.is_some_and(|n| of_same >= n as usize) {
+                "JobArrayTaskLimit".clone_into(&mut self.jobs[i].reason);
+                continue;
+            }
+            if limit.is_some_and(|n| running >= n as usize) {
+                "QOSMaxJobsPerUserLimit".clone_into(&mut self.jobs[i].reason);
+                continue;
+            }
+            let taken = self.jobs.iter().filter(runs).flat_map(|job| job.nodes.iter().copied()).collect::<Vec<_>>();
+            let free = (1..=self.settings.n_nodes)
+                .filter(|node| !taken.contains(node) && !self.down.contains(node))
+                .filter(|node| !request.exclude.contains(&format!("n{node}")))
+                .take(request.n_nodes as usize)
+                .collect::<Vec<_>>();
+            if free.len() < request.n_nodes as usize {
+                "Resources".clone_into(&mut self.jobs[i].reason);
+                continue;
+            }
+            let run = Run {
+                name: request.name.clone(),
+                element: self.jobs[i].array.map(|(_, element)| element),
+                began: self.now,
+                ended: None,
+                completed: false,
+            };
+            self.runs.push(run);
+            let (n_runs, now) = (self.runs.len(), self.now);
+            let job = &mut self.jobs[i];
+            (job.state, job.nodes, job.start, job.run) = (SlurmState::Running, free, Some(now), Some(n_runs - 1));
+            "None".clone_into(&mut job.reason);
+            self.tell(i);
+        }
+    }
+
+    fn kill(&mut self, run: usize) {
+        self.runs[run].ended.get_or_insert(self.now);
+    }
+
+    fn end(&mut self, i: usize, state: SlurmState, reason: &str, (code, signal): (u8, u8)) {
+        let now = self.now;
+        let job = &mut self.jobs[i];
+        (job.state, job.end, job.code, job.signal) = (state, Some(now), code, signal);
+        reason.clone_into(&mut job.reason);
+        // A job that was cancelled before it could start is never in the database.
+        if !(job.start.is_none() && job.request.held) {
+            self.tell(i);
+        }
+    }
+
+    fn tell(&mut self, i: usize) {
+        self.told.push((self.now, self.jobs[i].clone()));
+    }
+
+    fn cancel(&mut self, i: usize) {
+        if self.jobs[i].state.bearing() == Bearing::Ended {
+            return;
+        }
+        if let Some(run) = self.jobs[i].run {
+            self.kill(run);
+        }
+        self.jobs[i].cancelled = true;
+        let reason = self.jobs[i].reason.clone();
+        self.end(i, SlurmState::Cancelled, &reason, (0, 0));
+    }
+
+    /// A node is lost to Slurm. Its jobs end as NODE_FAIL, or are queued again under the same number; their processes
+    /// live on.
+    pub fn lose_node(&mut self, node: u32) {
+        self.down.push(node);
+        for i in 0..self.jobs.len() {
+            if self.jobs[i].state != SlurmState::Running || !self.jobs[i].nodes.contains(&node) {
+                continue;
+            }
+            let again = self.jobs[i].request.requeue;
+            let mut queued = self.jobs[i].clone();
+            self.end(i, SlurmState::NodeFail, "NodeDown", (0, 0));
+            if again {
+                (queued.state, queued.start, queued.nodes, queued.run) = (SlurmState::Pending, None, Vec::new(), None);
+                (queued.submitted, queued.reason) = (self.now, "BeginTime".to_owned());
+                self.jobs[i] = queued;
+                self.tell(i);
+            }
+        }
+    }
+
+    /// The node is back, and kills what of lost jobs lives.
+    pub fn return_node(&mut self, node: u32) {
+        self.down.retain(|down| *down != node);
+    }
+
+    /// The controller is killed and comes back with what it had saved: of jobs submitted in the last five seconds it
+    /// knows nothing, hands their numbers out again, and kills none of their processes; jobs that began in them are
+    /// queued once more.
+    pub fn crash_controller(&mut self) {
+        let saved = self.now - 5;
+        self.jobs.retain(|job| job.submitted < saved);
+        self.next_number = self.jobs.iter().map(|job| job.number).max().unwrap_or(0) + 1;
+        for job in &mut self.jobs {
+            if job.state == SlurmState::Running && job.start.is_some_and(|start| start >= saved) {
+                if let Some(run) = job.run.take() {
+                    self.runs[run].ended.get_or_insert(self.now); // killed as an orphan when its node registers
+                }
+                (job.state, job.start, job.nodes) = (SlurmState::Pending, None, Vec::new());
+            }
+        }
+    }
+
+    /// A running job makes room for another.
+    pub fn preempt(&mut self, name: &str) {
+        for i in 0..self.jobs.len() {
+            if self.jobs[i].request.name == name && self.jobs[i].state == SlurmState::Running {
+                if let Some(run) = self.jobs[i].run {
+                    self.kill(run);
+                }
+                self.end(i, SlurmState::Preempted, "None", (0, 0));
+            }
+        }
+    }
+}

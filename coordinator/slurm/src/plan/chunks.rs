@@ -1,0 +1,109 @@
+//! 0D work into chunks: one step on a node, or a core, that runs its samples in one process.
+
+use std::ops::Range;
+
+use super::{Choices, InUse, PlanError, check, check_time, longest_work_s, room, unit, walltime_s};
+use crate::site::{Queue, Site, Unit};
+
+/// Samples to be computed, in blocks that are not to be parted: a complete block of Saltelli's design makes valid
+/// indices, a part of one makes none.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Sweep {
+    /// Blocks.
+    pub n_blocks: u64,
+    /// Samples in each.
+    pub samples_per_block: u64,
+    /// How long a sample takes on one core, s.
+    pub s_per_sample: f64,
+}
+
+/// Chunks of a sweep: all of the same size but the last.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Chunks {
+    /// Blocks of a chunk.
+    pub blocks_per_chunk: u64,
+    /// Chunks.
+    pub n_chunks: u64,
+    /// Cores of each.
+    pub cores: u32,
+    /// Walltime of each, s.
+    pub walltime_s: u64,
+    /// How long a whole chunk is expected to take, s.
+    pub predicted_s: f64,
+    /// The jobs: arrays, or, where the site has none, jobs of one chunk.
+    pub arrays: Vec<ChunkArray>,
+    /// Node-hours that are expected.
+    pub node_hours: f64,
+    n_blocks: u64,
+}
+
+/// A job array, an element for each chunk; or a single job of one chunk.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct ChunkArray {
+    /// Chunk of element 0.
+    pub first: u64,
+    /// Elements.
+    pub n: u32,
+    /// Elements at once.
+    pub at_once: Option<u32>,
+    /// Whether it is of this wave; others are submitted once jobs have ended.
+    pub now: bool,
+}
+
+impl Chunks {
+    /// Blocks of a chunk.
+    #[must_use]
+    pub fn blocks(&self, chunk: u64) -> Range<u64> {
+        let first = chunk.saturating_mul(self.blocks_per_chunk).min(self.n_blocks);
+        first..first.saturating_add(self.blocks_per_chunk).min(self.n_blocks)
+    }
+}
+
+/// Chunks of a sweep: as long as [`Choices::good_length_s`], longer where the queue takes only few jobs.
+///
+/// # Errors
+/// [`PlanError`] where a block fits into no job of the queue.
+pub fn chunks(sweep: &Sweep, site: &Site, queue: &Queue, in_use: InUse, choices: &Choices) -> Result<Chunks, PlanError> {
+    check(choices)?;
+    check_time("time of a sample", sweep.s_per_sample)?;
+    if sweep.samples_per_block == 0 {
+        return Err(PlanError::Value { what: "samples of a block", found: 0.0, expected: "at least 1" });
+    }
+    let whole_nodes = unit(site, queue) == Unit::Node;
+    let cores = if whole_nodes { site.node.cores } else { 1 };
+    let room = room(queue, in_use);
+    let fit = |seconds: f64| ((seconds / sweep.s_per_sample).floor() as u64).saturating_mul(cores.into()) / sweep.samples_per_block;
+    let most = fit(longest_work_s(queue, choices));
+    if most == 0 {
+        let samples = sweep.samples_per_block;
+        return Err(PlanError::DoesNotFit {
+            task: format!("a block of {samples} samples"),
+            needs: format!("takes {:.0} s on {cores} cores", samples.div_ceil(cores.into()) as f64 * sweep.s_per_sample),
+            queue: queue.name.clone(),
+            limit: format!("{:.0} s of work", longest_work_s(queue, choices)),
+        });
+    }
+    let good = fit(choices.good_length_s as f64).max(1);
+    let fewest = sweep.n_blocks.div_ceil(u64::from(room.jobs.max(1)));
+    let blocks_per_chunk = good.max(fewest).min(most).min(sweep.n_blocks.max(1));
+    let n_chunks = sweep.n_blocks.div_ceil(blocks_per_chunk);
+    let per_core = (blocks_per_chunk * sweep.samples_per_block).div_ceil(cores.into());
+    let predicted_s = per_core as f64 * sweep.s_per_sample;
+
+    let side_by_side = room.running.min(if whole_nodes { room.nodes } else { room.cores / cores }).max(1);
+    let largest = if site.arrays.allowed { site.arrays.max_size.max(1) } else { 1 };
+    let (mut arrays, mut first, mut jobs) = (Vec::new(), 0, room.jobs);
+    while first < n_chunks {
+        // The last array of this wave ends where the queue's limit is reached.
+        let limit = if jobs > 0 { largest.min(jobs) } else { largest };
+        let n = u32::try_from(n_chunks - first).unwrap_or(u32::MAX).min(limit);
+        let at_once = (n > side_by_side).then_some(side_by_side);
+        arrays.push(ChunkArray { first, n, at_once, now: jobs > 0 });
+        jobs = jobs.saturating_sub(n);
+        first += u64::from(n);
+    }
+    let total = (sweep.n_blocks * sweep.samples_per_block) as f64 * sweep.s_per_sample / f64::from(cores);
+    let node_hours = total.max(if n_chunks > 0 { sweep.s_per_sample } else { 0.0 }) / 3600.0 * f64::from(cores) / f64::from(site.node.cores);
+    let walltime_s = walltime_s(predicted_s, queue, choices);
+    Ok(Chunks { blocks_per_chunk, n_chunks, cores, walltime_s, predicted_s, arrays, node_hours, n_blocks: sweep.n_blocks })
+}

@@ -1,0 +1,243 @@
+//! Whether a submission lives: alive, ended, or unknown. Absence is no ending.
+//!
+//! What the job itself left (its outcome) comes before all of this and is the caller's to read; here is what the
+//! scheduler knows, from one squeue and at most one sacct for any number of jobs.
+
+use crate::answers::Table;
+use crate::answers::accounting::{AccountingRow, ExitCode};
+use crate::answers::queue::QueueRow;
+use crate::job::{JobId, Jobs};
+use crate::reason::{self, Why};
+use crate::state::{Bearing, SlurmState};
+
+/// What is known of one job.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Truth {
+    /// It waits or runs.
+    Alive(Alive),
+    /// It has ended. Under the same name no other run of it waits or runs.
+    Ended(Ended),
+    /// Neither is known: wait, and show why.
+    Unknown(Unknown),
+}
+
+/// A living job.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Alive {
+    /// Its number.
+    pub id: JobId,
+    /// Whether it has begun.
+    pub runs: bool,
+    /// Slurm's state.
+    pub state: SlurmState,
+    /// Why it waits.
+    pub why: Option<Why>,
+    /// When it started, or is expected to, seconds since 1970.
+    pub start: Option<i64>,
+    /// Its nodes.
+    pub nodes: String,
+}
+
+/// A job that has ended.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Ended {
+    /// Its number.
+    pub id: JobId,
+    /// Slurm's state.
+    pub state: SlurmState,
+    /// Its code; only sacct tells.
+    pub exit: Option<ExitCode>,
+    /// Slurm's reason.
+    pub reason: String,
+    /// Who cancelled it; only sacct tells.
+    pub cancelled_by: Option<u32>,
+    /// Whether it ever began. `None` where that is not known.
+    pub began: Option<bool>,
+    /// How long it ran, s.
+    pub elapsed_s: Option<u64>,
+    /// Its nodes, to be avoided after NODE_FAIL.
+    pub nodes: String,
+}
+
+impl Ended {
+    /// Processes of it may still be alive and write: the node was lost, not the process.
+    #[must_use]
+    pub fn may_have_orphans(&self) -> bool {
+        matches!(self.state, SlurmState::NodeFail | SlurmState::BootFail)
+    }
+}
+
+/// Why nothing is known.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Unknown {
+    /// No source that answered knows the job.
+    NotListed {
+        /// Whether the queue answered, and every row of it was read.
+        queue_answered: bool,
+        /// Whether accounting answered, and every row of it was read.
+        accounting_answered: bool,
+    },
+    /// Slurm is in a state that is neither.
+    State(SlurmState),
+}
+
+/// A job that is looked for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Wanted<'a> {
+    /// Its unique name, which decides: after a crash of the controller a number may be given to another job.
+    pub name: &'a str,
+    /// Its index in the array, where the submission is one.
+    pub element: Option<u32>,
+}
+
+/// What is known of a job. `None` is a source that did not answer, or was not asked.
+///
+/// A living run anywhere in the answers wins over ended ones: a requeued job is in the database twice, and a submission
+/// that was repeated after a doubtful answer has two numbers.
+#[must_use]
+pub fn of(wanted: Wanted<'_>, queue: Option<&Table<QueueRow>>, accounting: Option<&Table<AccountingRow>>) -> Truth {
+    let queued = || queue.into_iter().flat_map(|t| &t.rows).filter(|row| row.name == wanted.name && row.id.element == wanted.element);
+    let accounted = || {
+        let rows = accounting.into_iter().flat_map(|t| &t.rows).filter(|row| row.name == wanted.name);
+        rows.filter_map(|row| Some((id_of(&row.jobs, wanted.element)?, row)))
+    };
+    if let Some(row) = queued().find(|row| matches!(row.state.bearing(), Bearing::Waiting | Bearing::Running)) {
+        return Truth::Alive(alive(row));
+    }
+    if let Some(row) = queued().find(|row| row.state.bearing() == Bearing::Unclear) {
+        return Truth::Unknown(Unknown::State(row.state.clone()));
+    }
+    if let Some(row) = queued().max_by_key(|row| row.submitted) {
+        // Accounting tells more of the same run: its exit code and who cancelled it.
+        let more = accounted().filter(|(id, more)| *id == row.id && more.state.bearing() == Bearing::Ended);
+        return Truth::Ended(match more.max_by_key(|(_, more)| more.submitted) {
+            Some((id, more)) if more.submitted >= row.submitted => ended(id, more),
+            _ => Ended {
+                id: row.id,
+                state: row.state.clone(),
+                exit: None,
+                reason: row.reason.clone(),
+                cancelled_by: None,
+                // A job that was cancelled while it waited is shown with its end as its start, and no nodes.
+                began: Some(!row.nodes.is_empty()),
+                elapsed_s: row.end.zip(row.start).and_then(|(end, start)| u64::try_from(end - start).ok()),
+                nodes: row.nodes.clone(),
+            },
+        });
+    }
+    // The queue forgot it, or did not answer. Accounting may still believe it alive: it lags, so that is no life.
+    match accounted().max_by_key(|(_, row)| (row.submitted, row.start)) {
+        Some((id, row)) => match row.state.bearing() {
+            Bearing::Ended => Truth::Ended(ended(id, row)),
+            Bearing::Unclear => Truth::Unknown(Unknown::State(row.state.clone())),
+            runs if queue.is_none() => Truth::Alive(Alive {
+                id,
+                runs: runs == Bearing::Running,
+                state: row.state.clone(),
+                why: (runs == Bearing::Waiting).then(|| reason::why(&row.reason)),
+                start: row.start,
+                nodes: row.nodes.clone(),
+            }),
+            _ => not_listed(queue, accounting),
+        },
+        None => not_listed(queue, accounting),
+    }
+}
+
+fn not_listed(queue: Option<&Table<QueueRow>>, accounting: Option<&Table<AccountingRow>>) -> Truth {
+    Truth::Unknown(Unknown::NotListed {
+        queue_answered: queue.is_some_and(Table::is_whole),
+        accounting_answered: accounting.is_some_and(Table::is_whole),
+    })
+}
+
+fn id_of(jobs: &Jobs, element: Option<u32>) -> Option<JobId> {
+    match jobs {
+        Jobs::One(id) => (id.element == element).then_some(*id),
+        Jobs::Waiting { job, .. } => Some(JobId { job: *job, element }).filter(|id| jobs.contains(*id)),
+    }
+}
+
+fn alive(row: &QueueRow) -> Alive {
+    let runs = row.state.bearing() == Bearing::Running;
+    Alive {
+        id: row.id,
+        runs,
+        state: row.state.clone(),
+        why: (!runs).then(|| reason::why(&row.reason)),
+        start: row.start,
+        nodes: row.nodes.clone(),
+    }
+}
+
+fn ended(id: JobId, row: &AccountingRow) -> Ended {
+    Ended {
+        id,
+        state: row.state.clone(),
+        exit: row.exit,
+        reason: row.reason.clone(),
+        cancelled_by: row.cancelled_by,
+        began: Some(!row.nodes.is_empty()),
+        elapsed_s: row.elapsed_s,
+        nodes: row.nodes.clone(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Truth, Unknown, Wanted, of};
+    use crate::answers::{accounting, queue, recorded};
+    use crate::state::SlurmState;
+
+    fn wanted(name: &str) -> Wanted<'_> {
+        Wanted { name, element: None }
+    }
+
+    #[test]
+    fn absence_is_no_ending() {
+        let queue = queue::read(&recorded::output("squeue-empty")).expect("an answer");
+        let unknown = of(wanted("ct-gone"), Some(&queue), None);
+        assert_eq!(unknown, Truth::Unknown(Unknown::NotListed { queue_answered: true, accounting_answered: false }));
+        assert!(matches!(of(wanted("ct-gone"), None, None), Truth::Unknown(_)));
+    }
+
+    #[test]
+    fn a_requeued_job_lives_although_the_database_has_it_as_ended() {
+        let rows = accounting::read(&recorded::output("sacct-node-failed")).expect("an answer");
+        let live = queue::read(&recorded::output("squeue-node-failed")).expect("an answer");
+        let Truth::Alive(alive) = of(wanted("ct-requeued"), Some(&live), Some(&rows)) else { panic!("it waits again") };
+        assert!(!alive.runs);
+        let Truth::Ended(ended) = of(wanted("ct-node"), Some(&live), Some(&rows)) else { panic!("it was not to be requeued") };
+        assert!(ended.may_have_orphans() && ended.nodes == "n4");
+    }
+
+    #[test]
+    fn without_a_queue_accounting_is_asked_and_without_it_the_queue_remembers_for_a_while() {
+        let rows = accounting::read(&recorded::output("sacct-ended")).expect("an answer");
+        let queue = queue::read(&recorded::output("squeue-ended")).expect("an answer");
+        for (name, state) in [
+            ("ct-short", SlurmState::Completed),
+            ("ct-walltime", SlurmState::Timeout),
+            ("ct-person", SlurmState::Cancelled),
+            ("ct-exit3", SlurmState::Failed),
+        ] {
+            for (queue, rows) in [(Some(&queue), None), (None, Some(&rows)), (Some(&queue), Some(&rows))] {
+                let Truth::Ended(ended) = of(wanted(name), queue, rows) else { panic!("{name} has ended") };
+                assert_eq!(ended.state, state, "{name}");
+                assert_eq!(ended.exit.is_some(), rows.is_some(), "{name}: only accounting tells the exit code");
+            }
+        }
+        let element = Wanted { name: "ct-array", element: Some(7) };
+        assert!(matches!(of(element, Some(&queue), None), Truth::Ended(_)));
+        assert!(matches!(of(Wanted { element: Some(8), ..element }, Some(&queue), Some(&rows)), Truth::Unknown(_)));
+    }
+
+    #[test]
+    fn a_held_job_that_was_cancelled_is_known_to_the_queue_alone() {
+        let rows = accounting::read(&recorded::output("sacct-ended")).expect("an answer");
+        let queue = queue::read(&recorded::output("squeue-ended")).expect("an answer");
+        let Truth::Ended(ended) = of(wanted("ct-held"), Some(&queue), Some(&rows)) else { panic!("squeue knows") };
+        assert_eq!((ended.began, ended.state), (Some(false), SlurmState::Cancelled));
+        assert!(matches!(of(wanted("ct-held"), None, Some(&rows)), Truth::Unknown(_)), "sacct never tells");
+    }
+}
