@@ -9,9 +9,24 @@ use crate::job::{JobId, JobName};
 pub const ENVIRONMENT: &[(&str, &str)] = &[("SLURM_TIME_FORMAT", "%s"), ("LC_ALL", "C")];
 /// Removed for every command: they change what is asked or printed.
 pub const NOT_IN_ENVIRONMENT: &[&str] = &[
-    "SQUEUE_FORMAT", "SQUEUE_FORMAT2", "SQUEUE_STATES", "SQUEUE_ARRAY", "SQUEUE_ACCOUNT", "SQUEUE_PARTITION",
-    "SQUEUE_QOS", "SQUEUE_USERS", "SQUEUE_NAMES", "SACCT_FORMAT", "SLURM_JOB_ID", "SBATCH_JOB_NAME", "SBATCH_ARRAY_INX",
-    "SBATCH_REQUEUE", "SBATCH_OUTPUT", "SBATCH_TIMELIMIT", "SBATCH_WAIT", "SBATCH_EXPORT",
+    "SQUEUE_FORMAT",
+    "SQUEUE_FORMAT2",
+    "SQUEUE_STATES",
+    "SQUEUE_ARRAY",
+    "SQUEUE_ACCOUNT",
+    "SQUEUE_PARTITION",
+    "SQUEUE_QOS",
+    "SQUEUE_USERS",
+    "SQUEUE_NAMES",
+    "SACCT_FORMAT",
+    "SLURM_JOB_ID",
+    "SBATCH_JOB_NAME",
+    "SBATCH_ARRAY_INX",
+    "SBATCH_REQUEUE",
+    "SBATCH_OUTPUT",
+    "SBATCH_TIMELIMIT",
+    "SBATCH_WAIT",
+    "SBATCH_EXPORT",
 ];
 
 /// A command to run.

@@ -91,7 +91,9 @@ pub fn classify(evidence: &Evidence<'_>) -> Option<Class> {
         SlurmState::Cancelled if out_of_memory => Class::OutOfMemory,
         SlurmState::Cancelled if ended.reason.starts_with("Dependency") => Class::Unexplained,
         SlurmState::Cancelled => Class::CancelledByPerson,
-        _ if out_of_memory || ended.reason == "OutOfMemory" || ended.exit.is_some_and(|e| e.signal == 125) => Class::OutOfMemory,
+        _ if out_of_memory || ended.reason == "OutOfMemory" || ended.exit.is_some_and(|e| e.signal == 125) => {
+            Class::OutOfMemory
+        }
         _ if panicked => Class::Panic,
         SlurmState::Failed if ended.reason == "BadConstraints" => Class::BadInput,
         // A script that ends from its own handler of the warning is FAILED or COMPLETED, not TIMEOUT.
@@ -101,7 +103,8 @@ pub fn classify(evidence: &Evidence<'_>) -> Option<Class> {
 }
 
 /// What Slurm's stepd and the kernel write before they kill for memory.
-const OUT_OF_MEMORY: &[&str] = &["exceeded memory limit", "oom-kill event", "oom_kill event", "Out Of Memory", "Out of memory"];
+const OUT_OF_MEMORY: &[&str] =
+    &["exceeded memory limit", "oom-kill event", "oom_kill event", "Out Of Memory", "Out of memory"];
 
 /// How often an attempt may be repeated for which kind of reason.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -172,17 +175,23 @@ pub fn next(class: Class, ended_on: &str, progressed: bool, given: &Given, spent
         let mut spent = spent;
         *charge(&mut spent) += 1;
         if spent.infrastructure > budgets.infrastructure {
-            return Next::Stays { why: format!("{why}; its {} repeats for the site's failures are used up", budgets.infrastructure) };
+            return Next::Stays {
+                why: format!("{why}; its {} repeats for the site's failures are used up", budgets.infrastructure),
+            };
         }
         if spent.free > budgets.free {
-            return Next::Stays { why: format!("{why}; {} times without a charge is enough: look at the site", budgets.free) };
+            return Next::Stays {
+                why: format!("{why}; {} times without a charge is enough: look at the site", budgets.free),
+            };
         }
         Next::Again { continues, given, spent, why }
     };
     let free: fn(&mut Spent) -> &mut u32 = |spent| &mut spent.free;
     let charged: fn(&mut Spent) -> &mut u32 = |spent| &mut spent.infrastructure;
     match class {
-        Class::Walltime if progressed => again(true, given.clone(), free, "its walltime was used up: a new job goes on".to_owned()),
+        Class::Walltime if progressed => {
+            again(true, given.clone(), free, "its walltime was used up: a new job goes on".to_owned())
+        }
         Class::Walltime => again(true, given.clone(), charged, "its walltime was used up without progress".to_owned()),
         Class::OutOfMemory => match more_memory(given) {
             Some((given, how)) => again(true, given, charged, format!("out of memory: {how}")),
@@ -193,7 +202,15 @@ pub fn next(class: Class, ended_on: &str, progressed: bool, given: &Given, spent
             if !ended_on.is_empty() && !given.excluded.iter().any(|nodes| nodes == ended_on) {
                 given.excluded.push(ended_on.to_owned());
             }
-            again(true, given, free, format!("node failure on {}: avoided from now on", if ended_on.is_empty() { "a node" } else { ended_on }))
+            again(
+                true,
+                given,
+                free,
+                format!(
+                    "node failure on {}: avoided from now on",
+                    if ended_on.is_empty() { "a node" } else { ended_on }
+                ),
+            )
         }
         Class::Preemption => again(true, given.clone(), free, "preempted".to_owned()),
         Class::CancelledByPerson => stays("cancelled by a person: stays so until it is asked for again"),
@@ -218,7 +235,8 @@ fn more_memory(given: &Given) -> Option<(Given, String)> {
     }
     let doubled = given.memory_per_rank_mib.saturating_mul(2).min(given.memory_per_node_mib);
     more.memory_per_rank_mib = doubled;
-    (doubled > given.memory_per_rank_mib).then(|| (more, format!("{doubled} MiB instead of {}", given.memory_per_rank_mib)))
+    (doubled > given.memory_per_rank_mib)
+        .then(|| (more, format!("{doubled} MiB instead of {}", given.memory_per_rank_mib)))
 }
 
 #[cfg(test)]
@@ -237,7 +255,9 @@ mod tests {
     fn class_of(name: &str, log_tail: &str) -> Option<Class> {
         let queue = queue::read(&recorded::output("squeue-ended")).expect("an answer");
         let rows = accounting::read(&recorded::output("sacct-ended")).expect("an answer");
-        let Truth::Ended(ended) = of(Wanted { name, element: None }, Some(&queue), Some(&rows)) else { panic!("{name}") };
+        let Truth::Ended(ended) = of(Wanted { name, element: None }, Some(&queue), Some(&rows)) else {
+            panic!("{name}")
+        };
         let evidence = Evidence { own: None, scheduler: Some(&ended), log_tail, we_cancelled: false, warned: false };
         classify(&evidence)
     }
@@ -257,10 +277,13 @@ mod tests {
 
     #[test]
     fn the_jobs_own_word_comes_first() {
-        for (own, class) in
-            [(OwnWord::LeftOff, Class::Walltime), (OwnWord::Divergence, Class::Divergence), (OwnWord::Panic, Class::Panic)]
-        {
-            let evidence = Evidence { own: Some(own), scheduler: None, log_tail: "", we_cancelled: false, warned: false };
+        for (own, class) in [
+            (OwnWord::LeftOff, Class::Walltime),
+            (OwnWord::Divergence, Class::Divergence),
+            (OwnWord::Panic, Class::Panic),
+        ] {
+            let evidence =
+                Evidence { own: Some(own), scheduler: None, log_tail: "", we_cancelled: false, warned: false };
             assert_eq!(classify(&evidence), Some(class));
         }
     }
@@ -269,8 +292,15 @@ mod tests {
     fn what_follows_from_each_class() {
         let mut table = String::new();
         for class in [
-            Class::Walltime, Class::OutOfMemory, Class::NodeFailure, Class::Preemption, Class::CancelledByPerson,
-            Class::BadInput, Class::Divergence, Class::Panic, Class::Unexplained,
+            Class::Walltime,
+            Class::OutOfMemory,
+            Class::NodeFailure,
+            Class::Preemption,
+            Class::CancelledByPerson,
+            Class::BadInput,
+            Class::Divergence,
+            Class::Panic,
+            Class::Unexplained,
         ] {
             table += &format!("{class:?}: {:?}\n", next(class, "n4", true, &given(), Spent::default(), BUDGETS));
         }

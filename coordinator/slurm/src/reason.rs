@@ -123,12 +123,12 @@ pub fn limit(key: &str) -> Option<Why> {
         "BB" => "burst buffer",
         other => other,
     };
-    Some(if measure.contains("Min") {
+    Some(if measure.contains("Minutes") || measure.contains("Mins") {
+        Why { words: format!("{holder} budget of {of}, which is spent or promised"), waits_for: WaitsFor::Person }
+    } else if measure.contains("Min") {
         Why { words: format!("{holder} least {of} of a job: ask for more"), waits_for: WaitsFor::Never }
     } else if measure.contains("PerJob") || measure.contains("PerNode") {
         Why { words: format!("{holder} limit on {of} of one job: ask for less"), waits_for: WaitsFor::Never }
-    } else if measure.contains("Minutes") || measure.contains("Mins") {
-        Why { words: format!("{holder} budget of {of}, which is spent or promised"), waits_for: WaitsFor::Person }
     } else {
         Why { words: format!("{holder} limit on {of} in use at once"), waits_for: WaitsFor::Limit }
     })

@@ -112,8 +112,13 @@ pub enum ScriptError {
 
 /// A word for bash, quoted where it must be.
 fn quoted(word: &str) -> String {
-    let plain = |b: u8| b.is_ascii_alphanumeric() || matches!(b, b'-' | b'_' | b'.' | b'/' | b'=' | b':' | b',' | b'+' | b'@');
-    if !word.is_empty() && word.bytes().all(plain) { word.to_owned() } else { format!("'{}'", word.replace('\'', r"'\''")) }
+    let plain =
+        |b: u8| b.is_ascii_alphanumeric() || matches!(b, b'-' | b'_' | b'.' | b'/' | b'=' | b':' | b',' | b'+' | b'@');
+    if !word.is_empty() && word.bytes().all(plain) {
+        word.to_owned()
+    } else {
+        format!("'{}'", word.replace('\'', r"'\''"))
+    }
 }
 
 fn command_line(words: &[String]) -> String {
@@ -134,12 +139,22 @@ fn check(job: &Job, queue: &Queue, site: &Site) -> Result<(), ScriptError> {
     let limits = [
         ("walltime, s", job.walltime_s.div_ceil(60) * 60, Some(queue.walltime_s())),
         ("number of nodes", u64::from(job.n_nodes), queue.max_nodes_per_job.or(queue.nodes).map(u64::from)),
-        ("number of elements", job.array.map_or(0, |a| u64::from(a.n)), Some(u64::from(site.arrays.max_size)).filter(|_| site.arrays.allowed)),
+        (
+            "number of elements",
+            job.array.map_or(0, |a| u64::from(a.n)),
+            Some(u64::from(site.arrays.max_size)).filter(|_| site.arrays.allowed),
+        ),
         ("number of elements", job.array.map_or(0, |a| u64::from(a.n)), (!site.arrays.allowed).then_some(0)),
     ];
     for (what, asked, limit) in limits {
         if let Some(limit) = limit.filter(|limit| asked > *limit) {
-            return Err(ScriptError::Limit { name: job.name.to_string(), what, asked, queue: queue.name.clone(), limit });
+            return Err(ScriptError::Limit {
+                name: job.name.to_string(),
+                what,
+                asked,
+                queue: queue.name.clone(),
+                limit,
+            });
         }
     }
     let words = match &job.work {
@@ -178,7 +193,10 @@ pub fn write(job: &Job, queue: &Queue, site: &Site) -> Result<String, ScriptErro
     match &job.work {
         Work::Bundle { ranks_per_node, .. } => {
             option(format!("--ntasks-per-node={ranks_per_node}"));
-            option(format!("--cpus-per-task={}", (site.node.cores / (*ranks_per_node).max(1)).max(1).min(job.n_cores.max(1))));
+            option(format!(
+                "--cpus-per-task={}",
+                (site.node.cores / (*ranks_per_node).max(1)).max(1).min(job.n_cores.max(1))
+            ));
         }
         Work::PerNode { .. } => {
             option("--ntasks-per-node=1".to_owned());
@@ -213,14 +231,20 @@ pub fn write(job: &Job, queue: &Queue, site: &Site) -> Result<String, ScriptErro
     let launcher = command_line(&site.launcher.command);
     match &job.work {
         Work::PerNode { command } => {
-            lines.push(format!("{launcher} --ntasks=\"$SLURM_NNODES\" --ntasks-per-node=1 {} &", command_line(command)));
+            lines
+                .push(format!("{launcher} --ntasks=\"$SLURM_NNODES\" --ntasks-per-node=1 {} &", command_line(command)));
             lines.push("steps+=($!)".to_owned());
             lines.push("settle".to_owned());
             lines.push("exit \"$worst\"".to_owned());
         }
         Work::Bundle { steps, nodes_per_step, ranks_per_node } => {
             let n_ranks = nodes_per_step * ranks_per_node;
-            let mut options = vec![launcher, "--exact".to_owned(), format!("--nodes={nodes_per_step}"), format!("--ntasks={n_ranks}")];
+            let mut options = vec![
+                launcher,
+                "--exact".to_owned(),
+                format!("--nodes={nodes_per_step}"),
+                format!("--ntasks={n_ranks}"),
+            ];
             options.push(format!("--ntasks-per-node={ranks_per_node}"));
             if let Some(per_core) = site.launcher.memory_per_core_mib {
                 let cores = u64::from((site.node.cores / (*ranks_per_node).max(1)).max(1)) * u64::from(*ranks_per_node);
@@ -228,7 +252,10 @@ pub fn write(job: &Job, queue: &Queue, site: &Site) -> Result<String, ScriptErro
             }
             options.extend(site.launcher.mpi.iter().map(|word| quoted(word)));
             lines.push(format!("at_once={}", (job.n_nodes / (*nodes_per_step).max(1)).max(1)));
-            lines.push(format!("start() {{ {} \"$@\"; }}", options.join(" ")));
+            lines.push(format!(
+                "start() {{ exec {} \"$@\"; }} # exec: the warning is to reach the step, not a shell",
+                options.join(" ")
+            ));
             for step in steps {
                 let log = quoted(&step.log);
                 lines.push(format!("take {} {log} {}", step.predicted_s, command_line(&step.command)));
@@ -245,15 +272,13 @@ pub fn write(job: &Job, queue: &Queue, site: &Site) -> Result<String, ScriptErro
 /// only between commands of the foreground, hence `wait`.
 const COMMON: &str = r#"began=$(date +%s) warned=0 worst=0 started=0 left=0 steps=()
 trap 'warned=1; for step in "${steps[@]}"; do kill -USR1 "$step" 2>/dev/null; done' USR1
-worse() { [ "$1" -le "$worst" ] || worst=$1; }
-reap() { # waits until at least one step has ended
-    local step code still=() before=$warned
-    wait -n; code=$?
-    [ "$warned" != "$before" ] || worse "$code" # else the warning ended the wait, not a step
+reap() { # waits until a step has ended, or the warning came
+    local step code still=()
+    wait -n
     for step in "${steps[@]}"; do
         if kill -0 "$step" 2>/dev/null; then still+=("$step"); continue; fi
-        wait "$step" 2>/dev/null; code=$?
-        [ "$code" = 127 ] || worse "$code" # 127: older versions of bash forget what wait -n has told
+        wait "$step"; code=$?
+        [ "$code" -le "$worst" ] || worst=$code
     done
     steps=("${still[@]}")
 }
@@ -274,6 +299,7 @@ mod tests {
     use crate::job::JobName;
     use crate::site::Use;
     use crate::site::tests::shipped as site;
+    use std::os::unix::fs::PermissionsExt;
     use std::process::Command;
 
     fn bundle(n_nodes: u32, n_steps: usize) -> Job {
@@ -335,9 +361,13 @@ mod tests {
     #[test]
     fn a_bundle_pulls_while_the_time_holds() {
         let mut archer2 = site("archer2");
-        archer2.setup = vec!["srun() { while [[ $1 == --* ]]; do shift; done; \"$@\"; }".to_owned()];
         let taskfarm = archer2.queue(None, Use::Simulations).expect("a queue").clone();
         let folder = tempfile::tempdir().expect("a folder");
+        let srun = folder.path().join("srun");
+        std::fs::write(&srun, "#!/bin/bash\nwhile [[ $1 == --* ]]; do shift; done\nexec \"$@\"\n").expect("a launcher");
+        std::fs::set_permissions(&srun, std::fs::Permissions::from_mode(0o755)).expect("it can be run");
+        archer2.setup = Vec::new();
+        archer2.launcher.command[0] = srun.to_string_lossy().into_owned();
         let log = folder.path().join("log of all").to_string_lossy().into_owned();
         let mut job = bundle(2, 0);
         let step = |text: &str, predicted_s: u64| Step {
@@ -357,7 +387,8 @@ mod tests {
             ranks_per_node: 1,
         };
         let script = write(&job, &taskfarm, &archer2).expect("a script");
-        let output = Command::new("bash").args(["-c", &script]).env("SLURM_NNODES", "2").output().expect("bash is there");
+        let output =
+            Command::new("bash").args(["-c", &script]).env("SLURM_NNODES", "2").output().expect("bash is there");
         assert_eq!(String::from_utf8_lossy(&output.stderr), "");
         assert_eq!(String::from_utf8_lossy(&output.stdout), "bundle: 3 started, 1 left for another job\n");
         assert_eq!(output.status.code(), Some(3), "the worst of its steps");
@@ -365,6 +396,25 @@ mod tests {
         let mut lines = text.lines().collect::<Vec<_>>();
         lines.sort_unstable();
         assert_eq!(lines, ["one", "three", "two"]);
+    }
+
+    /// The warning reaches the steps that run, and no further one is taken. The first step sends it, once all is set up.
+    #[test]
+    fn a_warning_is_handed_on() {
+        let mut archer2 = site("archer2");
+        archer2.setup = Vec::new();
+        archer2.launcher.command = vec!["env".to_owned()];
+        let taskfarm = archer2.queue(None, Use::Simulations).expect("a queue").clone();
+        let command = "trap 'kill $nap; exit 7' USR1; kill -USR1 $PPID; sleep 600 & nap=$!; wait; exit 8";
+        let mut job = chunks();
+        (job.array, job.n_nodes) = (None, 1);
+        job.work = Work::PerNode { command: ["bash", "-c", command].map(str::to_owned).to_vec() };
+        let script = write(&job, &taskfarm, &archer2).expect("a script");
+        // `env` takes no options of srun's.
+        let script = script.replace("env --ntasks=\"$SLURM_NNODES\" --ntasks-per-node=1 bash", "env bash");
+        let output = Command::new("bash").args(["-c", &script]).output().expect("bash is there");
+        assert_eq!(String::from_utf8_lossy(&output.stderr), "");
+        assert_eq!(output.status.code(), Some(7), "the step ended in order, and its code is the job's");
     }
 
     #[test]

@@ -239,14 +239,16 @@ impl Site {
     /// # Errors
     /// [`SiteError`] for anything that a run would stumble over later.
     pub fn read(file: &str, text: &str) -> Result<Self, SiteError> {
-        let site: Self =
-            toml::from_str(text).map_err(|error| SiteError::Read { file: file.to_owned(), message: error.to_string() })?;
+        let site: Self = toml::from_str(text)
+            .map_err(|error| SiteError::Read { file: file.to_owned(), message: error.to_string() })?;
         site.check(file)?;
         Ok(site)
     }
 
     fn check(&self, file: &str) -> Result<(), SiteError> {
-        let wrong = |key: String, found: String, expected| Err(SiteError::Value { file: file.to_owned(), key, found, expected });
+        let wrong = |key: String, found: String, expected| {
+            Err(SiteError::Value { file: file.to_owned(), key, found, expected })
+        };
         if self.node.cores == 0 || self.node.memory_mib == 0 {
             return wrong("node.cores or node.memory_mib".to_owned(), "0".to_owned(), "at least 1");
         }
@@ -271,7 +273,11 @@ impl Site {
                 return wrong("queue".to_owned(), format!("'{}' twice", queue.name), "a name for each");
             }
             if seconds(&queue.walltime).is_none() {
-                return wrong(key("walltime"), format!("'{}'", queue.walltime), "a time such as \"24:00:00\" or \"4-00:00:00\"");
+                return wrong(
+                    key("walltime"),
+                    format!("'{}'", queue.walltime),
+                    "a time such as \"24:00:00\" or \"4-00:00:00\"",
+                );
             }
             let least = queue.least_walltime.as_deref();
             if least.is_some_and(|text| seconds(text).is_none_or(|s| s > queue.walltime_s())) {
@@ -290,7 +296,11 @@ impl Site {
                 }
             }
             if queue.min_nodes_per_job > queue.max_nodes_per_job.or(queue.nodes).or(Some(u32::MAX)) {
-                return wrong(key("min_nodes_per_job"), format!("{:?}", queue.min_nodes_per_job), "not above max_nodes_per_job");
+                return wrong(
+                    key("min_nodes_per_job"),
+                    format!("{:?}", queue.min_nodes_per_job),
+                    "not above max_nodes_per_job",
+                );
             }
         }
         Ok(())
@@ -308,7 +318,8 @@ impl Site {
     /// Lays over the profile what the site told: the tighter of two limits holds. Says what it changed.
     pub fn discover(&mut self, config: Option<&SiteConfig>, qos: &[QosRow]) -> Vec<String> {
         let mut changes = Vec::new();
-        if let Some(size) = config.and_then(|config| config.max_array_size).filter(|size| *size != self.arrays.max_size) {
+        if let Some(size) = config.and_then(|config| config.max_array_size).filter(|size| *size != self.arrays.max_size)
+        {
             changes.push(format!("arrays have at most {size} elements, the profile says {}", self.arrays.max_size));
             self.arrays = Arrays { allowed: self.arrays.allowed && size > 0, max_size: size };
         }
@@ -327,7 +338,8 @@ impl Site {
             tighten("max_cores_per_user", &mut queue.max_cores_per_user, row.of_a_user.cores);
             if let Some(told) = row.walltime_s.filter(|told| *told > 0 && *told < queue.walltime_s()) {
                 let told = walltime::text(told);
-                changes.push(format!("queue '{}': walltime is {told}, the profile says {}", queue.name, queue.walltime));
+                changes
+                    .push(format!("queue '{}': walltime is {told}, the profile says {}", queue.name, queue.walltime));
                 queue.walltime = told;
             }
         }

@@ -79,6 +79,9 @@ pub enum Unknown {
     },
     /// Slurm is in a state that is neither.
     State(SlurmState),
+    /// The database has it as alive, and the queue, which answered, does not list it: one of them lags, or the
+    /// queue's answer was cut. No reason to submit again.
+    Disputed(SlurmState),
 }
 
 /// A job that is looked for.
@@ -96,7 +99,12 @@ pub struct Wanted<'a> {
 /// that was repeated after a doubtful answer has two numbers.
 #[must_use]
 pub fn of(wanted: Wanted<'_>, queue: Option<&Table<QueueRow>>, accounting: Option<&Table<AccountingRow>>) -> Truth {
-    let queued = || queue.into_iter().flat_map(|t| &t.rows).filter(|row| row.name == wanted.name && row.id.element == wanted.element);
+    let queued = || {
+        queue
+            .into_iter()
+            .flat_map(|t| &t.rows)
+            .filter(|row| row.name == wanted.name && row.id.element == wanted.element)
+    };
     let accounted = || {
         let rows = accounting.into_iter().flat_map(|t| &t.rows).filter(|row| row.name == wanted.name);
         rows.filter_map(|row| Some((id_of(&row.jobs, wanted.element)?, row)))
@@ -138,7 +146,7 @@ pub fn of(wanted: Wanted<'_>, queue: Option<&Table<QueueRow>>, accounting: Optio
                 start: row.start,
                 nodes: row.nodes.clone(),
             }),
-            _ => not_listed(queue, accounting),
+            _ => Truth::Unknown(Unknown::Disputed(row.state.clone())),
         },
         None => not_listed(queue, accounting),
     }
@@ -207,7 +215,9 @@ mod tests {
         let live = queue::read(&recorded::output("squeue-node-failed")).expect("an answer");
         let Truth::Alive(alive) = of(wanted("ct-requeued"), Some(&live), Some(&rows)) else { panic!("it waits again") };
         assert!(!alive.runs);
-        let Truth::Ended(ended) = of(wanted("ct-node"), Some(&live), Some(&rows)) else { panic!("it was not to be requeued") };
+        let Truth::Ended(ended) = of(wanted("ct-node"), Some(&live), Some(&rows)) else {
+            panic!("it was not to be requeued")
+        };
         assert!(ended.may_have_orphans() && ended.nodes == "n4");
     }
 

@@ -30,7 +30,8 @@ pub fn parse(text: &str) -> Option<Limit> {
     if minutes > 59 && hours + days > 0 || seconds > 59 {
         return None;
     }
-    let seconds = days.checked_mul(86_400)?.checked_add(hours.checked_mul(3600)?)?.checked_add(minutes * 60 + seconds)?;
+    let seconds =
+        days.checked_mul(86_400)?.checked_add(hours.checked_mul(3600)?)?.checked_add(minutes * 60 + seconds)?;
     Some(Limit::Seconds(seconds))
 }
 

@@ -114,7 +114,11 @@ mod tests {
         assert_eq!((&row("ct-person").state, row("ct-person").cancelled_by), (&SlurmState::Cancelled, Some(0)));
         assert_eq!(row("odd|name").exit, exit(3, 0));
         let requeued = table.rows.iter().filter(|row| row.name == "ct-requeued").map(|row| &row.state);
-        assert_eq!(requeued.collect::<Vec<_>>(), [&SlurmState::NodeFail, &SlurmState::Cancelled], "both runs, by --duplicates");
+        assert_eq!(
+            requeued.collect::<Vec<_>>(),
+            [&SlurmState::NodeFail, &SlurmState::Cancelled],
+            "both runs, by --duplicates"
+        );
     }
 
     #[test]

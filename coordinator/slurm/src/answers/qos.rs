@@ -88,12 +88,15 @@ fn amounts(text: &str) -> Option<Amounts> {
 /// `128G` and its like; a number without a unit is MiB.
 fn mebibytes(text: &str) -> Option<u64> {
     let (digits, factor) = match text.strip_suffix(['M', 'G', 'T', 'P']) {
-        Some(digits) => (digits, match text.as_bytes()[text.len() - 1] {
-            b'M' => 1,
-            b'G' => 1 << 10,
-            b'T' => 1 << 20,
-            _ => 1 << 30,
-        }),
+        Some(digits) => (
+            digits,
+            match text.as_bytes()[text.len() - 1] {
+                b'M' => 1,
+                b'G' => 1 << 10,
+                b'T' => 1 << 20,
+                _ => 1 << 30,
+            },
+        ),
         None => (text, 1),
     };
     let (whole, fraction) = digits.split_once('.').unwrap_or((digits, "0"));
@@ -175,7 +178,9 @@ mod tests {
 
     #[test]
     fn memory_with_its_unit() {
-        for (text, mib) in [("128G", Some(131_072)), ("2000", Some(2000)), ("1.50T", Some(1_572_864)), ("x", None), ("", None)] {
+        for (text, mib) in
+            [("128G", Some(131_072)), ("2000", Some(2000)), ("1.50T", Some(1_572_864)), ("x", None), ("", None)]
+        {
             assert_eq!(mebibytes(text), mib, "{text:?}");
         }
     }

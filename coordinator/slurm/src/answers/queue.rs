@@ -52,8 +52,24 @@ pub struct QueueRow {
 /// [`NoAnswer`] where squeue failed or printed something else: the queue is unknown then, not empty.
 pub fn read(output: &Output) -> Result<Table<QueueRow>, NoAnswer> {
     super::table("squeue", output, HEADER, "ctq|", "|ctq.", |cells| {
-        let [array, element, raw, state, reason, partition, qos, account, n_nodes, n_cores, nodes, submit, start, end, limit, name] =
-            cells
+        let [
+            array,
+            element,
+            raw,
+            state,
+            reason,
+            partition,
+            qos,
+            account,
+            n_nodes,
+            n_cores,
+            nodes,
+            submit,
+            start,
+            end,
+            limit,
+            name,
+        ] = cells
         else {
             return None;
         };
@@ -99,7 +115,10 @@ mod tests {
         assert!(table.is_whole(), "{:?}", table.unreadable);
         let row = |name: &str| table.rows.iter().find(|row| row.name == name).unwrap_or_else(|| panic!("{name}"));
         assert_eq!(row("odd|name").state, SlurmState::Failed);
-        assert_eq!((row("ct-limit-5").reason.as_str(), row("ct-limit-5").nodes.as_str()), ("QOSMaxJobsPerUserLimit", ""));
+        assert_eq!(
+            (row("ct-limit-5").reason.as_str(), row("ct-limit-5").nodes.as_str()),
+            ("QOSMaxJobsPerUserLimit", "")
+        );
         assert_eq!(row("ct-two-nodes").n_nodes, Some(2));
         let array = table.rows.iter().filter(|row| row.name == "ct-array").map(|row| row.id).collect::<Vec<_>>();
         assert_eq!(array.len(), 8, "{array:?}");

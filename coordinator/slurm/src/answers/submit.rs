@@ -94,7 +94,9 @@ pub fn read(output: &Output) -> Submission {
 /// `12`, or `12;cluster`, alone on its line. Two such lines of different jobs are none.
 fn accepted(stdout: &str) -> Submission {
     let mut found = Vec::new();
-    for line in stdout.split('\n').map(|line| line.strip_suffix('\r').unwrap_or(line)) {
+    // Only whole lines: a cut number is another number.
+    for line in stdout.split_inclusive('\n').filter_map(|line| line.strip_suffix('\n')) {
+        let line = line.strip_suffix('\r').unwrap_or(line);
         let (id, cluster) = line.split_once(';').map_or((line, None), |(id, cluster)| (id, Some(cluster)));
         let named = |c: char| c.is_ascii_alphanumeric() || matches!(c, '-' | '_' | '.');
         let good = cluster.is_none_or(|cluster| !cluster.is_empty() && cluster.chars().all(named));
@@ -168,7 +170,19 @@ mod tests {
         let banner = "** Maintenance on 12 March **\n\n4711;archer2\n";
         let Submission::Accepted { job, cluster } = good(banner) else { panic!("an id below a banner") };
         assert_eq!((job.to_string().as_str(), cluster.as_deref()), ("4711", Some("archer2")));
-        for odd in ["", "\n", "Submitted batch job 12", "12\n13\n", "0", "-3", "12 ", "12;", "12;a b", "99999999999999999999"] {
+        for odd in [
+            "",
+            "\n",
+            "12",
+            "Submitted batch job 12",
+            "12\n13\n",
+            "0",
+            "-3",
+            "12 ",
+            "12;",
+            "12;a b",
+            "99999999999999999999",
+        ] {
             assert!(matches!(good(odd), Submission::Doubtful { .. }), "{odd:?}");
         }
         let cut = read(&Output { exit: Exit::TimedOut, stdout: "12\n".to_owned(), stderr: String::new() });

@@ -63,7 +63,13 @@ impl Default for Settings {
         let qos = BTreeMap::from([("normal".to_owned(), Limits::default())]);
         let behaviour = Behaviour { seconds: 60, code: 0, signal: 0 };
         Self {
-            n_nodes: 4, qos, min_job_age_s: 300, accounting_lag_s: 2, has_accounting: true, max_array_size: 1001, behaviour,
+            n_nodes: 4,
+            qos,
+            min_job_age_s: 300,
+            accounting_lag_s: 2,
+            has_accounting: true,
+            max_array_size: 1001,
+            behaviour,
         }
     }
 }
@@ -218,7 +224,12 @@ impl Model {
             let runs = |job: &&Job| job.state == SlurmState::Running;
             let running = self.jobs.iter().filter(runs).filter(|job| job.request.qos == qos).count();
             let of_array = self.jobs[i].array.map(|(array, _)| array);
-            let of_same = self.jobs.iter().filter(runs).filter(|j| of_array.is_some() && j.array.map(|a| a.0) == of_array).count();
+            let of_same = self
+                .jobs
+                .iter()
+                .filter(runs)
+                .filter(|j| of_array.is_some() && j.array.map(|a| a.0) == of_array)
+                .count();
             let limit = self.settings.qos.get(&qos).and_then(|limits| limits.max_running);
             let request = &self.jobs[i].request;
             if request.at_once.is_some_and(|n| of_same >= n as usize) {

@@ -27,7 +27,9 @@ impl Model {
         let failed = |why: &str| match command.program {
             "sbatch" => refused(None, why),
             "squeue" => said(1, String::new(), format!("slurm_load_jobs error: {why}\n")),
-            "sacct" => said(1, String::new(), "sacct: error: Problem talking to the database: Connection refused\n".to_owned()),
+            "sacct" => {
+                said(1, String::new(), "sacct: error: Problem talking to the database: Connection refused\n".to_owned())
+            }
             program => said(1, String::new(), format!("{program}: error: {why}\n")),
         };
         match fault {
@@ -48,10 +50,13 @@ impl Model {
         };
         match fault {
             Some(Fault::TimeoutAfter) => return failed(TIMED_OUT),
-            Some(Fault::KilledAfter) => return Output { exit: Exit::Signal(9), stdout: String::new(), stderr: String::new() },
+            Some(Fault::KilledAfter) => {
+                return Output { exit: Exit::Signal(9), stdout: String::new(), stderr: String::new() };
+            }
             Some(Fault::Garbage(garbage)) => output.stdout = garbage,
             Some(Fault::Cut(at)) => {
-                let at = (0..=at.min(output.stdout.len())).rev().find(|at| output.stdout.is_char_boundary(*at)).unwrap_or(0);
+                let at =
+                    (0..=at.min(output.stdout.len())).rev().find(|at| output.stdout.is_char_boundary(*at)).unwrap_or(0);
                 output.stdout.truncate(at);
             }
             Some(Fault::Banner(banner)) => output.stdout = format!("{banner}\n{}", output.stdout),
@@ -67,11 +72,17 @@ impl Model {
         let request = match Request::read(&text) {
             Ok(request) => request,
             Err(why) if why.starts_with("unrecognized option") => {
-                return said(255, String::new(), format!("sbatch: {why}\nTry \"sbatch --help\" for more information\n"));
+                return said(
+                    255,
+                    String::new(),
+                    format!("sbatch: {why}\nTry \"sbatch --help\" for more information\n"),
+                );
             }
             Err(why) => return refused(None, &why),
         };
-        let Some(limits) = self.settings.qos.get(&request.qos) else { return refused(None, "Invalid qos specification") };
+        let Some(limits) = self.settings.qos.get(&request.qos) else {
+            return refused(None, "Invalid qos specification");
+        };
         if request.array.is_some_and(|n| n > self.settings.max_array_size) {
             return refused(None, "Invalid job array specification");
         }

@@ -99,7 +99,9 @@ fn a_lost_node_does_not_end_its_processes() {
     model.advance(2);
     model.lose_node(1);
     model.advance(5);
-    assert!(matches!(truth(&mut model, "ct-a"), Truth::Ended(ended) if ended.may_have_orphans() && ended.nodes == "n1"));
+    assert!(
+        matches!(truth(&mut model, "ct-a"), Truth::Ended(ended) if ended.may_have_orphans() && ended.nodes == "n1")
+    );
     assert_eq!(model.runs()[0].ended, None, "the zombie works on");
     model.advance(100);
     assert!(model.runs()[0].completed, "and comes to its end, fenced or not");

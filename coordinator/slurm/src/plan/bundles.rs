@@ -56,7 +56,9 @@ impl Bundle {
     #[must_use]
     pub fn order(&self) -> Vec<&str> {
         let longest = self.lanes.iter().map(|lane| lane.tasks.len()).max().unwrap_or(0);
-        (0..longest).flat_map(|i| self.lanes.iter().filter_map(move |lane| lane.tasks.get(i).map(String::as_str))).collect()
+        (0..longest)
+            .flat_map(|i| self.lanes.iter().filter_map(move |lane| lane.tasks.get(i).map(String::as_str)))
+            .collect()
     }
 }
 
@@ -168,7 +170,15 @@ fn of_one_size(
                 Unit::Core => f64::from(ranks) / f64::from(site.node.cores),
             };
             let node_hours = share * work_s / 3600.0;
-            plan.push(Bundle { n_nodes, nodes_per_step, ranks, lanes: lanes.to_vec(), walltime_s, now: false, node_hours });
+            plan.push(Bundle {
+                n_nodes,
+                nodes_per_step,
+                ranks,
+                lanes: lanes.to_vec(),
+                walltime_s,
+                now: false,
+                node_hours,
+            });
         }
     }
     Ok(plan)

@@ -63,7 +63,13 @@ impl Chunks {
 ///
 /// # Errors
 /// [`PlanError`] where a block fits into no job of the queue.
-pub fn chunks(sweep: &Sweep, site: &Site, queue: &Queue, in_use: InUse, choices: &Choices) -> Result<Chunks, PlanError> {
+pub fn chunks(
+    sweep: &Sweep,
+    site: &Site,
+    queue: &Queue,
+    in_use: InUse,
+    choices: &Choices,
+) -> Result<Chunks, PlanError> {
     check(choices)?;
     check_time("time of a sample", sweep.s_per_sample)?;
     if sweep.samples_per_block == 0 {
@@ -72,13 +78,18 @@ pub fn chunks(sweep: &Sweep, site: &Site, queue: &Queue, in_use: InUse, choices:
     let whole_nodes = unit(site, queue) == Unit::Node;
     let cores = if whole_nodes { site.node.cores } else { 1 };
     let room = room(queue, in_use);
-    let fit = |seconds: f64| ((seconds / sweep.s_per_sample).floor() as u64).saturating_mul(cores.into()) / sweep.samples_per_block;
+    let fit = |seconds: f64| {
+        ((seconds / sweep.s_per_sample).floor() as u64).saturating_mul(cores.into()) / sweep.samples_per_block
+    };
     let most = fit(longest_work_s(queue, choices));
     if most == 0 {
         let samples = sweep.samples_per_block;
         return Err(PlanError::DoesNotFit {
             task: format!("a block of {samples} samples"),
-            needs: format!("takes {:.0} s on {cores} cores", samples.div_ceil(cores.into()) as f64 * sweep.s_per_sample),
+            needs: format!(
+                "takes {:.0} s on {cores} cores",
+                samples.div_ceil(cores.into()) as f64 * sweep.s_per_sample
+            ),
             queue: queue.name.clone(),
             limit: format!("{:.0} s of work", longest_work_s(queue, choices)),
         });
@@ -103,7 +114,17 @@ pub fn chunks(sweep: &Sweep, site: &Site, queue: &Queue, in_use: InUse, choices:
         first += u64::from(n);
     }
     let total = (sweep.n_blocks * sweep.samples_per_block) as f64 * sweep.s_per_sample / f64::from(cores);
-    let node_hours = total.max(if n_chunks > 0 { sweep.s_per_sample } else { 0.0 }) / 3600.0 * f64::from(cores) / f64::from(site.node.cores);
+    let node_hours = total.max(if n_chunks > 0 { sweep.s_per_sample } else { 0.0 }) / 3600.0 * f64::from(cores)
+        / f64::from(site.node.cores);
     let walltime_s = walltime_s(predicted_s, queue, choices);
-    Ok(Chunks { blocks_per_chunk, n_chunks, cores, walltime_s, predicted_s, arrays, node_hours, n_blocks: sweep.n_blocks })
+    Ok(Chunks {
+        blocks_per_chunk,
+        n_chunks,
+        cores,
+        walltime_s,
+        predicted_s,
+        arrays,
+        node_hours,
+        n_blocks: sweep.n_blocks,
+    })
 }
