@@ -117,8 +117,8 @@ fn failed(code: i32, stderr: &str) -> Submission {
     // Of a --test-only the last words are "allocation failure: …".
     let last = said("Batch job submission failed: ").or_else(|| said("allocation failure: "));
     if let Some(last) = last {
-        let details = stderr.lines().filter_map(|line| line.trim().strip_prefix("sbatch: error: ")).map(str::trim);
-        let detail = details.filter(|detail| !detail.starts_with("Batch job submission failed")).last();
+        let mut details = stderr.lines().filter_map(|line| line.trim().strip_prefix("sbatch: error: ")).map(str::trim);
+        let detail = details.rfind(|detail| !detail.starts_with("Batch job submission failed"));
         let said = detail.map_or_else(|| last.to_owned(), |detail| format!("{detail} ({last})"));
         if last.starts_with("Job violates accounting/QOS policy") {
             let kind = match detail.and_then(reason::limit).map(|why| why.waits_for) {

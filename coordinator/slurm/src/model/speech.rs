@@ -139,7 +139,7 @@ impl Model {
                 }
                 None => **argument == own && array.is_none() || array.is_some_and(|(a, _)| number(argument) == Some(a)),
             };
-            if name.is_some_and(|name| name == job.request.name) || arguments.iter().any(|argument| meant(&argument)) {
+            if name.is_some_and(|name| name == job.request.name) || arguments.iter().any(meant) {
                 self.cancel(i);
             }
         }
