@@ -12,7 +12,7 @@ BIN := $(if $(CARGO_TARGET_DIR),$(CARGO_TARGET_DIR),target)/release
 # The whole workspace is always selected, so that demo, tests and benchmarks share one set of compiled dependencies.
 BUILD := $(CARGO) build --release --locked --workspace --bins
 
-.PHONY: help deps deps-demo build demo test bench work-precision evaluate-discover clean-run
+.PHONY: help deps deps-demo build demo test bench work-precision evaluate-discover afterload clean-run
 
 help: ## print this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "  make %-18s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -57,6 +57,18 @@ evaluate-discover: ## search the made patients of docs/missing-effects.md and dr
 	$(EXAMPLE) evaluate -- $(EVALUATION)/same --out $(EVALUATION)/same.jsonl --jobs $(JOBS)
 	$(EXAMPLE) figures -- docs/images "another formulation=$(EVALUATION)/other=$(EVALUATION)/other.jsonl" \
 		"the fitted model=$(EVALUATION)/same=$(EVALUATION)/same.jsonl"
+
+RECORDS := examples/afterload
+afterload: build ## fit and search the measured records of examples/afterload; draws the pictures of docs/afterload.md
+	for record in human-1999/.csv porcine-in-vivo/-1.csv porcine-in-vivo/-2.csv porcine-in-vivo/-3.csv porcine-in-vivo/-4.csv \
+	    porcine-ex-vivo/-1.csv porcine-ex-vivo/-2.csv porcine-ex-vivo/-3.csv porcine-ex-vivo/-4.csv; do \
+	  flow=$(RECORDS)/$${record%%/*}/flow$${record#*/}; pressure=$${flow/flow/pressure}; \
+	  echo "== $$flow"; $(BIN)/cardiotwin fit afterload $$flow $$pressure; $(BIN)/cardiotwin discover --afterload $$flow $$pressure; \
+	done
+	for part in human-1999/.csv=human porcine-in-vivo/-1.csv=in-vivo porcine-ex-vivo/-3.csv=ex-vivo; do \
+	  record=$${part%=*}; flow=$(RECORDS)/$${record%%/*}/flow$${record#*/}; \
+	  $(BIN)/cardiotwin --quiet discover --afterload $$flow $${flow/flow/pressure} --plot docs/images/afterload-$${part#*=}.svg > /dev/null; \
+	done
 
 clean-run: ## forget the results of the bundled cohort, so that `make demo` starts anew
 	rm -rf -- $(COHORT)/run

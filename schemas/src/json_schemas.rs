@@ -17,6 +17,8 @@ pub fn all() -> Vec<(&'static str, Schema)> {
         ("sweep.schema.json", schema_for!(crate::sweep::SweepFile)),
         ("sensitivity.schema.json", schema_for!(crate::sensitivity::SensitivityRecord)),
         ("fit-calcium.schema.json", schema_for!(crate::fit::CalciumFitAnswer)),
+        ("fit-afterload.schema.json", schema_for!(crate::afterload::AfterloadFitAnswer)),
+        ("afterload-discovery.schema.json", schema_for!(crate::afterload::AfterloadDiscovery)),
         ("run.schema.json", schema_for!(crate::record::RunRecord)),
         ("discover-case.schema.json", schema_for!(crate::discover::DiscoverCase)),
         ("discover-cohort.schema.json", schema_for!(crate::discover::DiscoverCases)),

@@ -3,6 +3,7 @@
 //!
 //! Keys carry their units (`pressure_mmHg`); Rust names are the same words in lower case.
 
+pub mod afterload;
 pub mod biomarkers;
 pub mod cohort;
 pub mod discover;

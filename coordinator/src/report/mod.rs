@@ -2,6 +2,7 @@
 //!
 //! One file for up to [`ONE_FILE`] patients; beyond, an index with a page per patient beside it.
 
+mod afterload;
 mod calcium_fit;
 mod cohort;
 mod convergence;
@@ -16,6 +17,7 @@ pub mod sensitivity;
 mod tables;
 mod write;
 
+pub use afterload::{afterload_discovery_svg, afterload_fit_svg};
 pub use calcium_fit::calcium_fit_svg;
 pub use robustness::write_robustness;
 pub use write::{ONE_FILE, ReportPaths, write_report};

@@ -6,6 +6,7 @@
 #![deny(missing_docs)]
 
 pub mod adaptive_evolution;
+pub mod afterload;
 pub mod calcium_fit;
 pub mod cma_es;
 pub mod differential_evolution;
@@ -18,6 +19,7 @@ pub mod least_squares;
 pub mod normal;
 pub mod polish;
 pub mod population;
+mod profile_interval;
 mod random;
 pub mod robustness;
 pub mod sobol;

@@ -239,15 +239,17 @@ impl Parser<'_> {
             }
         }
         let other = match self.quantity {
+            Quantity::Pressure if self.origin == Origin::CommandLine => Some(Quantity::Flow),
             Quantity::Pressure => Some(Quantity::Volume),
-            Quantity::Volume => Some(Quantity::Pressure),
+            Quantity::Volume | Quantity::Flow => Some(Quantity::Pressure),
             _ => None,
         };
         let stand_in = names.iter().find(|n| alike(n));
         let found = stand_in.map_or_else(|| format!("`{}`", names.join(",")), |n| format!("column `{n}`"));
         let remedy = match (stand_in, other) {
             (Some(n), Some(other)) if *n == other.column() && wanted != "time_ms" => {
-                format!("this is a {other} file: are the two files swapped in patient.toml?")
+                let place = if self.origin == Origin::Patient { "in patient.toml" } else { "on the command line" };
+                format!("this is a {other} file: are the two files swapped {place}?")
             }
             (Some(n), _) => unit_remedy(n, wanted),
             (None, _) => format!("add the column; the header must be {}", header(self.column)),
@@ -406,6 +408,8 @@ fn unit_remedy(found: &str, wanted: &str) -> String {
         }
         "calcium_uM" | "Ca_uM" if lower.ends_with("_nm") || lower.contains("nmol") => Some("1000 nM = 1 µM"),
         "calcium_uM" | "Ca_uM" if lower.contains("mmol") || found.ends_with("_mM") => Some("1 mM = 1000 µM"),
+        "flow_mL_per_s" if lower.contains("l_per_min") || lower.contains("l/min") => Some("1 L/min = 16.6667 mL/s"),
+        "flow_mL_per_s" if lower.contains("l_per_s") || lower.contains("l/s") => Some("1 L/s = 1000 mL/s"),
         "volume_mL" if lower.contains("mm3") || lower.contains("ul") => Some("1000 mm3 = 1 mL"),
         _ => None,
     };

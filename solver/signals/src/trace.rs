@@ -16,6 +16,8 @@ pub enum Quantity {
     Calcium,
     /// Fibre stretch, dimensionless.
     Stretch,
+    /// Flow through the aortic valve, mL/s.
+    Flow,
 }
 
 impl Quantity {
@@ -28,6 +30,7 @@ impl Quantity {
             Self::ActiveStress => "Sa_kPa",
             Self::Calcium => "Ca_uM",
             Self::Stretch => "lambda",
+            Self::Flow => "flow_mL_per_s",
         }
     }
 
@@ -46,6 +49,7 @@ impl Quantity {
             Self::ActiveStress => "kPa",
             Self::Calcium => "µM",
             Self::Stretch => "",
+            Self::Flow => "mL/s",
         }
     }
 }
@@ -58,6 +62,7 @@ impl std::fmt::Display for Quantity {
             Self::ActiveStress => "active stress",
             Self::Calcium => "calcium",
             Self::Stretch => "stretch",
+            Self::Flow => "flow",
         })
     }
 }

@@ -1,8 +1,8 @@
 //! The fit: what is minimised over what, and from where.
 
-use super::intervals::Profile;
 use super::{CalciumFit, Estimate, RiceParameters, TimeConstants};
 use crate::least_squares::{self, Fit, LeastSquaresError};
+use crate::profile_interval::Profile;
 use crate::{Interval, normal};
 use serde::{Deserialize, Serialize};
 

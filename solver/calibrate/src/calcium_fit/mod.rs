@@ -11,7 +11,6 @@
 //! other; [`CalciumFit::residual_correlation`] tells whether they are.
 
 mod fit;
-mod intervals;
 #[cfg(test)]
 mod tests;
 mod transient;

@@ -1,5 +1,6 @@
 //! `cardiotwin discover`: finds what the model lacks in a patient's traces, for a patient or a cohort.
 
+mod afterload;
 mod search;
 mod source;
 mod text;
@@ -45,6 +46,12 @@ pub struct DiscoverArgs {
     /// Write what was found as JSON, to stdout where no file is named
     #[arg(long, value_name = "FILE", num_args = 0..=1, default_missing_value = "-")]
     json: Option<PathBuf>,
+    /// Search a measured aortic flow and pressure instead: what a three-element Windkessel misses in them
+    #[arg(long, value_names = ["FLOW.csv", "PRESSURE.csv"], num_args = 2, conflicts_with_all = ["all", "patients", "run_dir", "worker"])]
+    afterload: Option<Vec<PathBuf>>,
+    /// With --afterload: draw the pressure, before and after, into this SVG file
+    #[arg(long, value_name = "FILE", requires = "afterload")]
+    plot: Option<PathBuf>,
     /// Folder of the searches [default: discover in the folder that is searched]
     #[arg(long, value_name = "DIR")]
     run_dir: Option<PathBuf>,
@@ -58,6 +65,10 @@ pub struct DiscoverArgs {
 /// # Errors
 /// [`CliError::Input`] when anything is wrong with the input; the engine's; a file that cannot be written.
 pub async fn execute(args: &DiscoverArgs, talk: &Talk) -> Result<Exit, CliError> {
+    if let Some([flow, pressure]) = args.afterload.as_deref() {
+        let (json, plot) = (args.json.as_ref(), args.plot.as_ref());
+        return afterload::execute(&afterload::Request { flow, pressure, effects: &args.effects, json, plot }, talk);
+    }
     let began = Instant::now();
     let source = Source::read(args, talk)?;
     let ended = search::run(args, &source, talk).await?;

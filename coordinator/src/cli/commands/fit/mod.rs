@@ -1,7 +1,9 @@
 //! `cardiotwin fit`: parameters from measured traces, outside of any run.
 
+pub mod afterload;
 mod calcium;
 mod cohort_toml;
+pub mod record;
 mod trace;
 
 use clap::{Args, Subcommand};
@@ -19,6 +21,7 @@ pub struct FitArgs {
 
 #[derive(Debug, Subcommand)]
 enum FitCommand {
+    Afterload(afterload::AfterloadArgs),
     Calcium(calcium::CalciumArgs),
 }
 
@@ -28,6 +31,7 @@ enum FitCommand {
 /// [`CliError::Trace`] for a trace that cannot be used, [`CliError::File`] for a plot that cannot be written.
 pub fn execute(args: &FitArgs, talk: &Talk) -> Result<Exit, CliError> {
     match &args.command {
+        FitCommand::Afterload(args) => afterload::execute(args, talk),
         FitCommand::Calcium(args) => calcium::execute(args, talk),
     }
 }

@@ -13,13 +13,13 @@ const PRECISION: f64 = 1e-3;
 type Constrained<'a> = dyn Fn(f64, &[f64]) -> Option<(f64, Vec<f64>)> + 'a;
 
 /// A parameter's profile and the optimum that it begins at.
-pub(super) struct Profile<'a> {
-    pub(super) at: &'a Constrained<'a>,
-    pub(super) start: &'a [f64],
+pub(crate) struct Profile<'a> {
+    pub(crate) at: &'a Constrained<'a>,
+    pub(crate) start: &'a [f64],
     /// Sum of squares at the optimum.
-    pub(super) least: f64,
+    pub(crate) least: f64,
     /// Sum of squares at an end.
-    pub(super) threshold: f64,
+    pub(crate) threshold: f64,
 }
 
 impl Profile<'_> {
@@ -34,7 +34,7 @@ impl Profile<'_> {
     }
 
     /// Lower and upper end; none where the limit is reached below the threshold.
-    pub(super) fn interval(&self, best: f64, first_step: f64, limits: Interval) -> [Option<f64>; 2] {
+    pub(crate) fn interval(&self, best: f64, first_step: f64, limits: Interval) -> [Option<f64>; 2] {
         // An exact trace has a step of zero; any positive one crosses its threshold.
         let step = first_step.max(1e-9 * limits.width());
         [-1.0, 1.0].map(|side| self.end(best, side * step, limits))

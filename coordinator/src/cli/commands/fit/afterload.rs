@@ -1,0 +1,267 @@
+//! `cardiotwin fit afterload`: the three-element Windkessel from a measured flow and pressure.
+
+use std::path::PathBuf;
+
+use cardiotwin_calibrate::afterload::{
+    self, Estimate, Start, WindkesselFit, WindkesselFitSettings, Worth, fit_windkessel,
+};
+use cardiotwin_schemas::afterload::{AfterloadFitAnswer, AfterloadNoise, AfterloadQuantity, Determined};
+use cardiotwin_schemas::organ::WindkesselParameters;
+use clap::Args;
+
+use super::record::{self, Measured};
+use crate::cli::error::CliError;
+use crate::cli::exit::Exit;
+use crate::cli::table::{Columns, number, optional};
+use crate::cli::talk::Talk;
+use crate::report::afterload_fit_svg;
+use crate::results::atomic;
+
+/// Misfit over the pulse pressure from which the record is said to want more than three elements.
+const LARGE_MISFIT: f64 = 0.05;
+/// Correlation of two estimates from which only their combination is said to be determined.
+const STRONG_CORRELATION: f64 = 0.95;
+
+/// The three-element Windkessel (characteristic and peripheral resistance, compliance) from measured flow and pressure
+#[derive(Debug, Args)]
+#[command(
+    after_help = "FLOW.csv has the columns time_ms and flow_mL_per_s, PRESSURE.csv time_ms and pressure_mmHg, on one clock, \
+                        one beat or more, samples of any spacing; lines that begin with # are comments.\n\
+                        What three elements miss in the record: `cardiotwin discover --afterload FLOW.csv PRESSURE.csv`."
+)]
+pub struct AfterloadArgs {
+    /// The flow: a CSV file with the columns time_ms,flow_mL_per_s
+    #[arg(value_name = "FLOW.csv")]
+    flow: PathBuf,
+    /// The pressure: a CSV file with the columns time_ms,pressure_mmHg
+    #[arg(value_name = "PRESSURE.csv")]
+    pressure: PathBuf,
+    /// Begin in the periodic steady state of the first cycle, instead of fitting the pressure at the beginning
+    #[arg(long)]
+    periodic: bool,
+    /// Probability that an interval covers
+    #[arg(long, value_name = "SHARE", default_value_t = 0.95)]
+    confidence: f64,
+    /// Draw pressure and fit into this SVG file
+    #[arg(long, value_name = "FILE")]
+    plot: Option<PathBuf>,
+    /// Print the lines for patient.toml instead
+    #[arg(long, conflicts_with = "json")]
+    toml: bool,
+    /// One JSON object instead of a table
+    #[arg(long)]
+    json: bool,
+}
+
+/// Fits.
+///
+/// # Errors
+/// As [`super::execute`].
+pub fn execute(args: &AfterloadArgs, talk: &Talk) -> Result<Exit, CliError> {
+    if !(args.confidence > 0.0 && args.confidence < 1.0) {
+        return Err(CliError::Usage("--confidence lies between 0 and 1".to_owned()));
+    }
+    let measured = record::read(&args.flow, &args.pressure, talk)?;
+    let start = if args.periodic { Start::Periodic } else { Start::Free };
+    let settings = WindkesselFitSettings { start, confidence_level: args.confidence };
+    let fit = fit_windkessel(&measured.record, settings)
+        .map_err(|error| CliError::Usage(format!("the record cannot be fitted: {error}")))?;
+    let answer = answer(&measured, args.periodic, &fit);
+    if let Some(file) = &args.plot {
+        let points = |(sample, residual): (&(f64, f64), &f64)| (sample.0, sample.1 + residual);
+        let fitted: Vec<(f64, f64)> = std::iter::zip(&measured.pressure, &fit.residuals_mmhg).map(points).collect();
+        let svg = afterload_fit_svg(&answer, &measured.pressure, &fitted).unwrap_or_default();
+        atomic::write(file, |out| out.write_all(svg.as_bytes())).map_err(CliError::file("write", file))?;
+    }
+    if args.json {
+        talk.json(&answer)?;
+    } else if args.toml {
+        talk.data(&answer.patient_toml)?;
+    } else {
+        talk.data(&text(&answer, talk))?;
+        talk.hint("`--toml` prints the lines for patient.toml");
+    }
+    if args.json || args.toml {
+        answer.warnings.iter().for_each(|warning| talk.say(&format!("warning: {warning}")));
+    }
+    Ok(Exit::Ok)
+}
+
+/// R1, R2, C with their names in files.
+#[must_use]
+pub fn parameters(three: [f64; 3]) -> WindkesselParameters {
+    WindkesselParameters {
+        characteristic_resistance_mmhg_s_per_ml: three[0],
+        peripheral_resistance_mmhg_s_per_ml: three[1],
+        compliance_ml_per_mmhg: three[2],
+    }
+}
+
+/// What residuals are worth, as files have it.
+#[must_use]
+pub fn noise(worth: &Worth) -> AfterloadNoise {
+    AfterloadNoise {
+        correlation_time_ms: worth.correlation_time_ms,
+        beat_correlation: worth.beat_correlation,
+        n_effective: worth.n_effective,
+    }
+}
+
+/// `[afterload]` as `patient.toml` takes it, four significant digits and more.
+#[must_use]
+pub fn table(afterload: &WindkesselParameters, comment: &str) -> String {
+    let rounded = |value: f64| format!("{:?}", format!("{value:.4e}").parse::<f64>().unwrap_or(value));
+    format!(
+        "# {comment}\n[afterload]\ncharacteristic_resistance_mmHg_s_per_mL = {}\nperipheral_resistance_mmHg_s_per_mL = {}\n\
+         compliance_mL_per_mmHg = {}\n",
+        rounded(afterload.characteristic_resistance_mmhg_s_per_ml),
+        rounded(afterload.peripheral_resistance_mmhg_s_per_ml),
+        rounded(afterload.compliance_ml_per_mmhg)
+    )
+}
+
+/// A file's name in a comment: a line feed in it would end the comment.
+fn one_line(name: &str) -> String {
+    name.chars().map(|c| if c.is_control() { '?' } else { c }).collect()
+}
+
+fn answer(measured: &Measured, periodic: bool, fit: &WindkesselFit) -> AfterloadFitAnswer {
+    let record = &measured.described;
+    let named = [
+        ("characteristic_resistance_mmHg_s_per_mL", &fit.r1),
+        ("peripheral_resistance_mmHg_s_per_mL", &fit.r2),
+        ("compliance_mL_per_mmHg", &fit.compliance),
+        ("time_constant_s", &fit.time_constant),
+        ("start_pressure_mmHg", &fit.start),
+    ];
+    let afterload = parameters([fit.r1.value, fit.r2.value, fit.compliance.value]);
+    let from = format!(
+        "Fitted by `cardiotwin fit afterload` to {} and {}.",
+        one_line(&record.flow),
+        one_line(&record.pressure)
+    );
+    let share_of_pulse = fit.root_mean_square_mmhg / record.pulse_pressure_mmhg;
+    let mut answer = AfterloadFitAnswer {
+        schema_version: cardiotwin_schemas::SCHEMA_VERSION,
+        record: record.clone(),
+        patient_toml: table(&afterload, &from),
+        afterload,
+        estimates: named.into_iter().map(|(name, estimate)| quantity(name, estimate)).collect(),
+        confidence_level: fit.confidence_level,
+        correlations: fit.correlations,
+        periodic,
+        root_mean_square_mmhg: fit.root_mean_square_mmhg,
+        share_of_pulse,
+        noise: noise(&fit.worth),
+        converged: fit.converged,
+        warnings: Vec::new(),
+    };
+    answer.warnings = warnings(&answer);
+    answer
+}
+
+fn quantity(name: &str, estimate: &Estimate) -> AfterloadQuantity {
+    let Estimate { value, standard_error, lower, upper, determined } = *estimate;
+    let determined = match determined {
+        afterload::Determined::Well => Determined::Well,
+        afterload::Determined::Poorly => Determined::Poorly,
+        afterload::Determined::Not => Determined::Not,
+    };
+    AfterloadQuantity { name: name.to_owned(), value, standard_error, lower, upper, determined }
+}
+
+fn warnings(answer: &AfterloadFitAnswer) -> Vec<String> {
+    let mut found = Vec::new();
+    if !answer.converged {
+        found.push("the minimisation ended before it met its tolerance: look at the plot".to_owned());
+    }
+    let open: Vec<&str> =
+        answer.estimates.iter().filter(|q| q.determined == Determined::Not).map(|q| q.name.as_str()).collect();
+    if !open.is_empty() {
+        found.push(format!("the record does not determine {}: its interval has no end on a side", open.join(", ")));
+    }
+    let pairs = ["R1 and R2", "R1 and C", "R2 and C"];
+    for (pair, correlation) in pairs.iter().zip(answer.correlations) {
+        if correlation.is_some_and(|c| c.abs() > STRONG_CORRELATION) {
+            found.push(format!("{pair} are not told apart: their estimates go together"));
+        }
+    }
+    if answer.share_of_pulse > LARGE_MISFIT {
+        found.push(format!(
+            "three elements miss {:.0} % of the pulse pressure; `cardiotwin discover --afterload` says what is lacking",
+            100.0 * answer.share_of_pulse
+        ));
+    }
+    found
+}
+
+fn text(answer: &AfterloadFitAnswer, talk: &Talk) -> String {
+    let interval = format!(">{} % FROM", number(100.0 * answer.confidence_level).trim_end_matches(".00"));
+    let mut table = Columns::new(talk, &["PARAMETER", ">VALUE", ">STANDARD ERROR", &interval, ">TO", "DETERMINED"]);
+    for q in &answer.estimates {
+        let ends = [q.standard_error, q.lower, q.upper].map(optional);
+        let [error, lower, upper] = &ends;
+        let determined = match q.determined {
+            _ if q.lower.is_none() && q.upper.is_none() && answer.periodic && q.name.starts_with("start") => "-",
+            Determined::Well => "well",
+            Determined::Poorly => "poorly",
+            Determined::Not => "not",
+        };
+        table.row([&q.name, &number(q.value), error, lower, upper, determined]);
+    }
+    let mut text = table.text();
+    let record = &answer.record;
+    text.push_str(&format!(
+        "\nresidual: {} mmHg (root mean square), {:.1} % of the pulse pressure of {} mmHg\n",
+        number(answer.root_mean_square_mmhg),
+        100.0 * answer.share_of_pulse,
+        number(record.pulse_pressure_mmhg)
+    ));
+    let alike = answer.noise.beat_correlation.map_or(String::new(), |c| format!(", beats alike {c:.2}"));
+    text.push_str(&format!(
+        "samples: {}, worth {} independent ones (correlation time {} ms{alike}); {} of {} ms, mean flow {} mL/s\n",
+        record.n_samples,
+        number(answer.noise.n_effective),
+        number(answer.noise.correlation_time_ms),
+        crate::cli::talk::count(record.n_beats, "beat"),
+        number(record.cycle_length_ms),
+        number(record.mean_flow_ml_per_s)
+    ));
+    let shown = answer.correlations.map(|c| c.map_or_else(|| "-".to_owned(), |c| format!("{c:.2}")));
+    text.push_str(&format!("correlations: R1-R2 {}, R1-C {}, R2-C {}\n", shown[0], shown[1], shown[2]));
+    for warning in &answer.warnings {
+        text.push_str(&format!("warning: {warning}\n"));
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use super::*;
+
+    fn talk() -> Talk {
+        Talk { colour_out: false, colour_err: false, quiet: true, bars: false }
+    }
+
+    fn example(case: &str, part: &str) -> AfterloadFitAnswer {
+        let folder = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../examples/afterload")).join(case);
+        let file = |trace: &str| folder.join(format!("{trace}{part}.csv"));
+        let mut measured = record::read(&file("flow"), &file("pressure"), &talk()).unwrap();
+        (measured.described.flow, measured.described.pressure) = ("flow.csv".to_owned(), "pressure.csv".to_owned());
+        let fit = fit_windkessel(&measured.record, WindkesselFitSettings::default()).unwrap();
+        answer(&measured, false, &fit)
+    }
+
+    #[test]
+    fn the_examples_as_people_see_them() {
+        let shown: Vec<String> = [("human-1999", ""), ("porcine-in-vivo", "-1"), ("porcine-ex-vivo", "-1")]
+            .map(|(case, part)| {
+                let answer = example(case, part);
+                format!("{case}\n{}\n{}", text(&answer, &talk()), answer.patient_toml)
+            })
+            .into();
+        insta::assert_snapshot!(shown.join("\n"));
+    }
+}

@@ -1,0 +1,62 @@
+//! A measured aortic pressure and what a load makes of the measured flow, as SVG files.
+
+use cardiotwin_schemas::afterload::{AfterloadDiscovery, AfterloadFitAnswer};
+
+use super::format::significant;
+use super::plot::{Axis, Chart, Scale, Series};
+
+/// Pressure and fit of three elements. Points: time in ms, pressure in mmHg. None where no sample is finite.
+#[must_use]
+pub fn afterload_fit_svg(
+    answer: &AfterloadFitAnswer,
+    measured: &[(f64, f64)],
+    fitted: &[(f64, f64)],
+) -> Option<String> {
+    let mut chart =
+        chart(format!("aortic pressure {} and three elements", answer.record.pressure), measured, &[fitted])?;
+    let load = &answer.afterload;
+    let name = format!(
+        "three elements: R1 {}, R2 {} mmHg s/mL, C {} mL/mmHg, residual {} mmHg",
+        significant(load.characteristic_resistance_mmhg_s_per_ml, 3),
+        significant(load.peripheral_resistance_mmhg_s_per_ml, 3),
+        significant(load.compliance_ml_per_mmhg, 3),
+        significant(answer.root_mean_square_mmhg, 2)
+    );
+    chart.series.push(Series { class: "step2", name, points: fitted.to_vec(), dots: false });
+    Some(chart.file())
+}
+
+/// Pressure, three elements and the load with what was found.
+#[must_use]
+pub fn afterload_discovery_svg(
+    answer: &AfterloadDiscovery,
+    measured: &[(f64, f64)],
+    before: &[(f64, f64)],
+    after: &[(f64, f64)],
+) -> Option<String> {
+    let alt = format!("aortic pressure {}, before and after", answer.record.pressure);
+    let mut chart = chart(alt, measured, &[before, after])?;
+    let pulse = answer.record.pulse_pressure_mmhg;
+    let gap = |all: f64, held_out: f64| {
+        format!("{} mmHg, held out {} mmHg", significant(all * pulse, 3), significant(held_out * pulse, 3))
+    };
+    let name = format!("three elements: {}", gap(answer.gap_before, answer.gap_heldout_before));
+    chart.series.push(Series { class: "step1", name, points: before.to_vec(), dots: false });
+    if !answer.accepted.is_empty() {
+        let names = answer.accepted.join(" and ");
+        let name = format!("with {names}: {}", gap(answer.gap_after, answer.gap_heldout_after));
+        chart.series.push(Series { class: "step2", name, points: after.to_vec(), dots: false });
+    }
+    Some(chart.file())
+}
+
+fn chart(alt: String, measured: &[(f64, f64)], lines: &[&[(f64, f64)]]) -> Option<Chart> {
+    let (first, last) = (measured.first()?.0, measured.last()?.0);
+    let values = measured.iter().chain(lines.iter().copied().flatten()).map(|point| point.1);
+    let x = Axis::new("time (ms)", "ms", Scale::exact(first, last));
+    let y = Axis::new("pressure (mmHg)", "mmHg", Scale::linear(values, false)?);
+    let mut chart = Chart::new(alt, x, y);
+    let name = format!("measured ({} samples)", measured.len());
+    chart.series.push(Series { class: "measured", name, points: measured.to_vec(), dots: true });
+    Some(chart)
+}

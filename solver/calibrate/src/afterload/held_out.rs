@@ -1,0 +1,43 @@
+//! Agreement on samples that a fit did not see.
+
+use super::noise::Worth;
+use super::record::Record;
+
+/// Most parts that are held out in turn.
+const MOST_FOLDS: usize = 5;
+/// Parts of a record with few beats.
+const BLOCK_FOLDS: usize = 4;
+/// A block is at least this long \[ms\], and three correlation times of the residuals.
+const SHORTEST_BLOCK_MS: f64 = 40.0;
+
+/// How a record is divided.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Folds {
+    /// The fold of each sample.
+    pub(super) of: Vec<usize>,
+    pub(super) n: usize,
+    /// Whether folds are beats, or blocks within the beat.
+    pub(super) by_beat: bool,
+}
+
+impl Folds {
+    /// Beats where there are at least three, else blocks of a beat.
+    pub(super) fn new(record: &Record, worth: &Worth) -> Self {
+        let time = &record.pressure_time_s;
+        if record.n_beats() >= 3 {
+            let n = record.n_beats().min(MOST_FOLDS);
+            return Self { of: time.iter().map(|t| record.beat_of(*t) % n).collect(), n, by_beat: true };
+        }
+        let length_ms = 1e3 * (time[time.len() - 1] - time[0]);
+        let block = SHORTEST_BLOCK_MS.max(3.0 * worth.correlation_time_ms);
+        let n_blocks = ((length_ms / block).floor() as usize).max(BLOCK_FOLDS);
+        let width = 1e-3 * length_ms / n_blocks as f64;
+        let of = time.iter().map(|t| (((t - time[0]) / width) as usize).min(n_blocks - 1) % BLOCK_FOLDS).collect();
+        Self { of, n: BLOCK_FOLDS, by_beat: false }
+    }
+
+    /// Which samples a fit sees while this fold is held out.
+    pub(super) fn seen(&self, fold: usize) -> Vec<bool> {
+        self.of.iter().map(|f| *f != fold).collect()
+    }
+}
