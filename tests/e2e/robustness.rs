@@ -106,7 +106,9 @@ fn a_guess_whose_first_beats_open_no_valve_reaches_the_end() {
 fn the_sweeps_commands_serve_its_folder() {
     let cohort = Cohort::quick();
     let sweep = ["sweep", "robustness", "--kind", "data", "--patient", "02-CoA", "--samples", "1"];
-    let result = cohort.call(&[&sweep[..], &["--json"]].concat()).json();
+    let onwards =
+        ["--set", "step1.stop=best-of-limit", "--set", "step1.stall_iterations=6", "--set", "step1.max_iterations=30"];
+    let result = cohort.call(&[&sweep[..], &onwards, &["--json"]].concat()).json();
     // Step 1 goes on beyond the first iterate within the tolerance.
     let original = &result["patients"][0]["members"][0];
     assert!(original["step1_iterations"].as_u64().unwrap() > 10, "{original}");

@@ -29,17 +29,19 @@ const ALL: &str = "all";
 
 /// Setting that says where step 1 stops.
 const STOP: &str = "step1.stop=";
-/// Step 1 goes on until nothing is gained any more: elsewhere data and guess alike decide where within the tolerance it
-/// stops, and that would be taken for their effect.
+/// Over guesses, step 1 goes on until nothing is gained any more: else the guess decides where within the tolerance it
+/// stops, and that would be taken for its effect. Over data it stops as in the paper: beyond, parameters that uncertain
+/// targets hardly determine pay for the last thousandth (docs/robustness.md).
 const TO_THE_END: [&str; 3] = ["step1.stop=best-of-limit", "step1.max_iterations=30", "step1.stall_iterations=6"];
 
 /// Personalise around uncertain data or initial guesses, and tell the spread (Tables 3 to 10 and Figure 6 of the paper)
 #[derive(Debug, Args)]
 #[command(
     after_help = "The same command goes on where an earlier one stopped; nothing finished is computed again. The folder \
-                  is a run: `status`, `show`, `logs` and `cancel` work on it. Step 1 goes on until six iterations in a \
-                  row gain nothing, at most 30: at the first iterate within the tolerance, the paper's rule (--set \
-                  step1.stop=first-converged), it is data and guess that decide where it stops."
+                  is a run: `status`, `show`, `logs` and `cancel` work on it. Over data, step 1 stops at the first iterate \
+                  within the tolerance, as in the paper. Over guesses it goes on until six iterations in a row gain \
+                  nothing, at most 30: else the guess decides where it stops. --set step1.stop=first-converged or \
+                  best-of-limit is for either."
 )]
 pub struct RobustnessArgs {
     /// Folder of the cohort
@@ -159,7 +161,7 @@ fn before(over: Uncertainty, out: &Path) -> Result<Option<RobustnessSpec>, CliEr
 /// The patients of the sweep: those named and those that it has; the whole cohort where nobody is named. Or all problems.
 fn load(args: &RobustnessArgs, before: Option<&RobustnessSpec>, talk: &Talk) -> Result<Cohort, CliError> {
     let mut set = args.set.clone();
-    if !set.iter().any(|setting| setting.starts_with(STOP)) {
+    if matches!(args.kind.over(), Uncertainty::Guess) && !set.iter().any(|setting| setting.starts_with(STOP)) {
         // First, so that what the caller sets wins.
         set.splice(0..0, TO_THE_END.map(str::to_owned));
     }
