@@ -233,7 +233,7 @@ pub fn write(job: &Job, queue: &Queue, site: &Site) -> Result<String, ScriptErro
         Work::PerNode { command } => {
             lines
                 .push(format!("{launcher} --ntasks=\"$SLURM_NNODES\" --ntasks-per-node=1 {} &", command_line(command)));
-            lines.push("steps+=($!)".to_owned());
+            lines.push("started_one".to_owned());
             lines.push("settle".to_owned());
             lines.push("exit \"$worst\"".to_owned());
         }
@@ -282,6 +282,10 @@ reap() { # waits until a step has ended, or the warning came
     done
     steps=("${still[@]}")
 }
+started_one() { # a warning that came before it was noted down is handed on late
+    steps+=($!); started=$((started + 1))
+    [ "$warned" = 0 ] || kill -USR1 "$!" 2>/dev/null
+}
 settle() { while [ "${#steps[@]}" -gt 0 ]; do reap; done; }
 take() { # predicted seconds, log, command: starts it once there is a place and if the time left holds it
     local predicted=$1 log=$2
@@ -289,7 +293,7 @@ take() { # predicted seconds, log, command: starts it once there is a place and 
     while [ "${#steps[@]}" -ge "$at_once" ]; do reap; done
     if [ "$warned" = 1 ] || [ $((began + seconds - warning - $(date +%s))) -lt "$predicted" ]; then left=$((left + 1)); return; fi
     start "$@" >>"$log" 2>&1 &
-    steps+=($!); started=$((started + 1))
+    started_one
 }
 "#;
 
@@ -405,7 +409,7 @@ mod tests {
         archer2.setup = Vec::new();
         archer2.launcher.command = vec!["env".to_owned()];
         let taskfarm = archer2.queue(None, Use::Simulations).expect("a queue").clone();
-        let command = "trap 'kill $nap; exit 7' USR1; kill -USR1 $PPID; sleep 600 & nap=$!; wait; exit 8";
+        let command = "sleep 600 & nap=$!; trap 'kill $nap; exit 7' USR1; kill -USR1 $PPID; wait; exit 8";
         let mut job = chunks();
         (job.array, job.n_nodes) = (None, 1);
         job.work = Work::PerNode { command: ["bash", "-c", command].map(str::to_owned).to_vec() };

@@ -173,6 +173,8 @@ fn any_fault() -> impl Strategy<Value = Option<Fault>> {
 }
 
 proptest! {
+    #![proptest_config(ProptestConfig::with_cases(64))]
+
     /// Whatever the answers, a name runs at most once, and once the answers are good it has run.
     #[test]
     fn a_careful_client_never_runs_a_job_twice(
