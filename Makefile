@@ -26,7 +26,9 @@ deps-demo:
 build: ## build the coordinator (cardiotwin) and the worker (cardiotwin-worker) in release
 	$(BUILD)
 
-demo: deps-demo build ## personalise the bundled seven-patient cohort; ends with a table and the report's path
+demo: deps-demo build ## find a hidden effect, personalise the bundled seven-patient cohort; ends with a table and the report's path
+	@# Kept beside the cohort, so that the cohort's report shows it.
+	$(BIN)/cardiotwin discover examples/hidden-effect --run-dir $(COHORT)/discover
 	$(BIN)/cardiotwin run $(COHORT)
 
 test: ## set up what is missing, then pass every check and test; prints how long each part took
@@ -71,4 +73,4 @@ afterload: build ## fit and search the measured records of examples/afterload; d
 	done
 
 clean-run: ## forget the results of the bundled cohort, so that `make demo` starts anew
-	rm -rf -- $(COHORT)/run
+	rm -rf -- $(COHORT)/run $(COHORT)/discover

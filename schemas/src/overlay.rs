@@ -6,6 +6,7 @@ use std::collections::BTreeMap;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::discover::SearchSettings;
 use crate::organ::{EffectSpec, OneFibrePassive, TanhParameters, ValveParameters, WindkesselParameters};
 
 /// One version of what was learned.
@@ -41,4 +42,59 @@ pub struct ModelOverlay {
     /// Accepted effects.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub effects: Vec<EffectSpec>,
+    /// Artefacts that the measured traces are corrected for.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub corrections: Vec<EffectSpec>,
+    /// Why effects and corrections were accepted.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub accepted: Option<Acceptance>,
+}
+
+/// What an acceptance rests on.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Acceptance {
+    /// Version of the program that wrote it.
+    pub program: String,
+    /// The version of this file that was current before; absent where there was none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub before: Option<u32>,
+    /// Seed of the search.
+    pub seed: u64,
+    /// Evidence that a name needed.
+    pub threshold: f64,
+    /// Probability that data of the base model alone give evidence as large.
+    pub p_value: f64,
+    /// Rms standardised residual of the base model.
+    pub gap_before: f64,
+    /// The same with the accepted effects.
+    pub gap_after: f64,
+    /// The base model's on data held out.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub gap_heldout_before: Option<f64>,
+    /// The same with the accepted effects.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub gap_heldout_after: Option<f64>,
+    /// Settings of the search.
+    pub settings: SearchSettings,
+    /// SHA-256 of each measured file, by role.
+    pub data: BTreeMap<String, String>,
+    /// Each accepted effect.
+    pub evidence: Vec<AcceptedEvidence>,
+}
+
+/// Evidence of an accepted effect.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct AcceptedEvidence {
+    /// Name in the catalogue.
+    pub name: String,
+    /// See [`crate::discover::RankedEffect::probability`].
+    pub probability: f64,
+    /// See [`crate::discover::RankedEffect::delta_bic`].
+    pub delta_bic: f64,
+    /// See [`crate::discover::RankedEffect::log_evidence`].
+    pub log_evidence: f64,
+    /// Intervals of 95 %.
+    pub interval: BTreeMap<String, [f64; 2]>,
 }

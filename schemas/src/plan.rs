@@ -80,6 +80,8 @@ impl ResolvedPatient {
             start: StartMode::EndDiastole,
             activation: ActivationSettings::default(),
             biomarker_factors: BTreeMap::new(),
+            passive_law: None,
+            corrections: Vec::new(),
         };
         Self {
             id,

@@ -10,7 +10,10 @@ use crate::biomarkers::{Biomarkers, CellBiomarkers};
 use crate::discover::DiscoverSpec;
 use crate::hash::{canonical_json, sha256_hex};
 use crate::ids::{AttemptId, TaskKey};
-use crate::organ::{BeatCount, CirculationSpec, ContractionSpec, OrganSpec, ValveParameters, WindkesselParameters};
+use crate::organ::{
+    BeatCount, CirculationSpec, ContractionSpec, EffectSpec, OneFibrePassive, OrganSpec, ValveParameters,
+    WindkesselParameters,
+};
 use crate::settings::{ActivationSettings, CellFitSettings, InstructionSet, StartMode};
 use crate::sweep::CellDesign;
 
@@ -155,6 +158,12 @@ pub struct PassiveStateSpec {
     /// sample of uncertain data (Jung et al. 2022, section 2.5). Keys: [`crate::biomarkers::STEP1_BIOMARKERS`].
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub biomarker_factors: BTreeMap<String, f64>,
+    /// Passive law that was accepted for the patient, in place of the one through the measured points.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub passive_law: Option<OneFibrePassive>,
+    /// Artefacts that the traces are corrected for before anything is taken from them.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub corrections: Vec<EffectSpec>,
 }
 
 /// One simulation of the organ.

@@ -3,6 +3,7 @@
 
 mod afterload;
 mod damage;
+mod discover;
 mod fits;
 mod output;
 mod requests;

@@ -286,6 +286,8 @@ fn plan(printed: &Printed, id: &str) -> ResolvedPatient {
             start: StartMode::EndDiastole,
             activation: ActivationSettings::default(),
             biomarker_factors: BTreeMap::new(),
+            passive_law: None,
+            corrections: Vec::new(),
         },
         calcium: None,
         settings: Settings::default(),

@@ -52,7 +52,7 @@ fn words(html: &str) -> String {
 fn seven() -> (tempfile::TempDir, PathBuf) {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("report.html");
-    write_report(&fixture::cohort(folder.path()), &out).unwrap();
+    write_report(&fixture::cohort(folder.path()), None, &out).unwrap();
     (folder, out)
 }
 
@@ -118,7 +118,7 @@ fn the_papers_patients_have_the_papers_mean_errors() {
 fn patients_in_trouble_say_what_is_missing_and_why() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("report.html");
-    write_report(&fixture::troubled(folder.path()), &out).unwrap();
+    write_report(&fixture::troubled(folder.path()), None, &out).unwrap();
     let page = html(&out);
     assert_self_contained(&page);
     assert!(page.contains("troubled &lt;&amp;&gt; &quot;quoted&quot;"));
@@ -144,7 +144,7 @@ fn an_empty_run_is_a_page_too() {
     let mut run = fixture::troubled(folder.path());
     run.patients.clear();
     let out = folder.path().join("report.html");
-    write_report(&run, &out).unwrap();
+    write_report(&run, None, &out).unwrap();
     assert!(words(&html(&out)).contains("This run has no patients."));
 }
 
@@ -153,7 +153,7 @@ fn beyond_fifty_patients_each_has_a_page_and_the_index_leads_there() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("report.html");
     let run = fixture::many(folder.path(), ONE_FILE + 1);
-    let paths = write_report(&run, &out).unwrap();
+    let paths = write_report(&run, None, &out).unwrap();
     assert_eq!((paths.main.as_path(), paths.patients.len()), (out.as_path(), ONE_FILE + 1));
     let link = Regex::new(r##"href="([^"#]+\.html)""##).unwrap();
     for page in std::iter::once(&out).chain(&paths.patients) {

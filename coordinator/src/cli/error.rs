@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 
+use crate::discovery::overlay::OverlayError;
 use crate::engine::{EngineError, LockError, StoreError};
 use crate::results::WriteError;
 use crate::sweep::SweepError;
@@ -26,6 +27,9 @@ pub enum CliError {
     /// Making, going on with or analysing a sweep.
     #[error(transparent)]
     Sweep(#[from] SweepError),
+    /// Accepting what was found, or undoing it.
+    #[error(transparent)]
+    Overlay(#[from] OverlayError),
     /// Problems that were printed one by one before.
     #[error("{errors} in the input; nothing was run (`cardiotwin check` looks again)")]
     Input {
@@ -93,8 +97,11 @@ impl CliError {
             Self::Engine(EngineError::Request { .. }) | Self::Usage(_) => Exit::Usage,
             Self::Sweep(error) => sweep_exit(error),
             Self::Input { .. } | Self::Trace { .. } => Exit::Input,
+            Self::Overlay(OverlayError::NothingAccepted { .. }) => Exit::Usage,
+            Self::Overlay(OverlayError::Format { .. }) => Exit::Input,
             Self::Simulation { .. } => Exit::Problems,
             Self::Engine(_)
+            | Self::Overlay(_)
             | Self::Report(_)
             | Self::Export(_)
             | Self::File { .. }

@@ -2,8 +2,7 @@
 //!
 //! Searches are tasks of the engine like any other; here is what follows from their outcomes.
 
-pub mod pool;
-pub mod words;
+pub mod overlay;
 
 use std::path::{Path, PathBuf};
 
@@ -11,6 +10,7 @@ use cardiotwin_schemas::SCHEMA_VERSION;
 use cardiotwin_schemas::discover::{DiscoverCase, DiscoverCases, Discovered};
 
 use crate::results::atomic;
+use crate::results::discovery::words;
 
 /// Folder of a run of searches beside what was searched.
 pub const FOLDER: &str = "discover";
@@ -61,6 +61,12 @@ pub fn read_cases(run_dir: &Path) -> Option<DiscoverCases> {
     let text = std::fs::read(cases_file(run_dir)).ok()?;
     let cases: DiscoverCases = serde_json::from_slice(&text).ok()?;
     cases.values().all(|case| case.schema_version == SCHEMA_VERSION).then_some(cases)
+}
+
+/// Cases that an earlier search left beside a cohort.
+#[must_use]
+pub fn beside(cohort: Option<&Path>) -> Option<DiscoverCases> {
+    read_cases(&cohort?.join(FOLDER)).filter(|cases| !cases.is_empty())
 }
 
 /// Where a run's cases lie.

@@ -65,6 +65,8 @@ impl Decider {
             }
             if world.patients[i].plan_row.given != text {
                 let overrides = self.overrides(world, i)?;
+                // A plan is read from its row when it is needed first: now, while the row still says the old one.
+                let _ = world.plan(i);
                 world.patients[i].plan_row.given = text;
                 self.replan(world, i, given, &overrides, "inputs or settings changed", false)?;
             }

@@ -53,6 +53,8 @@ pub fn learned(world: &World, i: usize) -> Result<Option<ModelOverlay>, EngineEr
             cell
         }),
         effects: plan.effects.clone(),
+        corrections: plan.step0.corrections.clone(),
+        accepted: None,
     }))
 }
 
@@ -133,6 +135,8 @@ mod tests {
             valves: None,
             cell: BTreeMap::new(),
             effects: vec![],
+            corrections: vec![],
+            accepted: None,
         }
     }
 

@@ -165,11 +165,11 @@ fn load_patient(
     complain(&settings, Some((id, &document)), report);
     patient::check_completeness(&file, &settings.settings, &document, report);
     data::check(&file, folder, &document, &cohort.defaults, report);
-    let effects = overlay(id, folder, report).map(|overlay| overlay.effects).unwrap_or_default();
+    let overlay = overlay(id, folder, report);
     let resolved = if report.has_error_of(id) {
         None
     } else {
-        resolve::resolve(&file, folder, &cohort.defaults, &settings.settings, &effects, report)
+        resolve::resolve(&file, folder, &cohort.defaults, &settings.settings, overlay.as_ref(), report)
     };
     let lines = (document.file.clone(), lines(&document.root, ""));
     let named = file.id.clone();

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use cardiotwin_schemas::cohort::PatientDefaults;
 use cardiotwin_schemas::hash::sha256_hex;
 use cardiotwin_schemas::ids::PatientId;
-use cardiotwin_schemas::organ::EffectSpec;
+use cardiotwin_schemas::overlay::ModelOverlay;
 use cardiotwin_schemas::patient::PatientFile;
 use cardiotwin_schemas::plan::{ResolvedPatient, Workflow};
 use cardiotwin_schemas::settings::Settings;
@@ -21,7 +21,7 @@ pub fn resolve(
     folder: &Path,
     defaults: &PatientDefaults,
     settings: &Settings,
-    effects: &[EffectSpec],
+    overlay: Option<&ModelOverlay>,
     report: &mut Report,
 ) -> Option<ResolvedPatient> {
     let mut hashed = |name: &str, file_name: &Option<String>| match file_name {
@@ -46,11 +46,16 @@ pub fn resolve(
         aortic_diastolic_mmhg: measured.aortic_pressure.as_ref().map(|aorta| aorta.diastolic_mmhg),
         wall_volume_ml: file.anatomy.wall_volume_ml,
         passive_exponent: file.passive.as_ref().and_then(|p| p.exponent).or(defaults.passive_exponent),
-        afterload: file.afterload,
-        left_atrial_pressure_mmhg: left_atrial_pressure(file, defaults),
+        // What was accepted for the patient belongs together, and wins over what the files state.
+        afterload: overlay.and_then(|o| o.afterload).or(file.afterload),
+        left_atrial_pressure_mmhg: overlay
+            .and_then(|o| o.left_atrial_pressure_mmhg)
+            .or_else(|| left_atrial_pressure(file, defaults)),
         start: settings.solver.start,
         activation: settings.solver.activation,
         biomarker_factors: BTreeMap::new(),
+        passive_law: overlay.and_then(|o| o.passive),
+        corrections: overlay.map_or_else(Vec::new, |o| o.corrections.clone()),
     };
     Some(ResolvedPatient {
         id: PatientId(file.id.clone()),
@@ -59,7 +64,7 @@ pub fn resolve(
         step0,
         calcium,
         settings: settings.clone(),
-        effects: effects.to_vec(),
+        effects: overlay.map_or_else(Vec::new, |o| o.effects.clone()),
     })
 }
 

@@ -6,6 +6,7 @@ mod afterload;
 mod calcium_fit;
 mod cohort;
 mod convergence;
+mod discovery;
 mod figures;
 mod format;
 mod page;
@@ -19,5 +20,6 @@ mod write;
 
 pub use afterload::{afterload_discovery_svg, afterload_fit_svg};
 pub use calcium_fit::calcium_fit_svg;
+pub use discovery::{discovery_svg, write_discovery};
 pub use robustness::write_robustness;
 pub use write::{ONE_FILE, ReportPaths, write_report};

@@ -3,10 +3,11 @@
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 
+use cardiotwin_schemas::discover::DiscoverCases;
 use cardiotwin_schemas::record::{PatientRecord, RunRecord};
 use maud::{Markup, html};
 
-use super::{cohort, figures, page, patient};
+use super::{cohort, discovery, figures, page, patient};
 use crate::results::{Signals, WriteError, atomic};
 
 /// Up to so many patients go into one file.
@@ -24,15 +25,20 @@ pub struct ReportPaths {
 }
 
 /// Writes the report of a run to `out` (`report.html`): one file up to [`ONE_FILE`] patients, else an index, with the
-/// patients' pages in a folder beside it (`report-patients/`). Artefacts that cannot be read are named in the report.
+/// patients' pages in a folder beside it (`report-patients/`). `discovered`: what searches beside the run found; of more
+/// than [`ONE_FILE`] patients the tables alone. Artefacts that cannot be read are named in the report.
 ///
 /// # Errors
 /// [`WriteError`] when a file cannot be written. Each file is written atomically, the index last.
-pub fn write_report(run: &RunRecord, out: &Path) -> Result<ReportPaths, WriteError> {
-    if run.patients.len() <= ONE_FILE { one_file(run, out) } else { index(run, out) }
+pub fn write_report(
+    run: &RunRecord,
+    discovered: Option<&DiscoverCases>,
+    out: &Path,
+) -> Result<ReportPaths, WriteError> {
+    if run.patients.len() <= ONE_FILE { one_file(run, discovered, out) } else { index(run, discovered, out) }
 }
 
-fn one_file(run: &RunRecord, out: &Path) -> Result<ReportPaths, WriteError> {
+fn one_file(run: &RunRecord, discovered: Option<&DiscoverCases>, out: &Path) -> Result<ReportPaths, WriteError> {
     let link = |p: &PatientRecord| format!("#p-{}", p.plan.id);
     let top = run.patients.iter().map(figures::top_pressure).fold(1.0, f64::max);
     let mut tiles = Vec::new();
@@ -47,13 +53,14 @@ fn one_file(run: &RunRecord, out: &Path) -> Result<ReportPaths, WriteError> {
     let content = html! {
         (overview(run, &link, &tiles, 0))
         @for section in &sections { (section) }
+        @if let Some(cases) = discovered { (discovery::part(cases)) }
     };
     let nav = page::nav(run, "#top", &run.patients, &link);
     write(out, &page::page(&format!("{} · cardiotwin", run.cohort), &nav, &content))?;
     Ok(ReportPaths { main: out.to_owned(), patients: Vec::new() })
 }
 
-fn index(run: &RunRecord, out: &Path) -> Result<ReportPaths, WriteError> {
+fn index(run: &RunRecord, discovered: Option<&DiscoverCases>, out: &Path) -> Result<ReportPaths, WriteError> {
     let stem = out.file_stem().unwrap_or_default().to_string_lossy();
     let folder_name = format!("{stem}-patients");
     let folder = out.with_file_name(&folder_name);
@@ -84,7 +91,10 @@ fn index(run: &RunRecord, out: &Path) -> Result<ReportPaths, WriteError> {
         written.push(file);
     }
     let left_out = run.patients.len() - tiles.len();
-    let content = overview(run, &from_index, &tiles, left_out);
+    let content = html! {
+        (overview(run, &from_index, &tiles, left_out))
+        @if let Some(cases) = discovered { h2 id="missing" { "What the model misses" } (discovery::cohort(cases)) }
+    };
     let unfinished: Vec<PatientRecord> = shown.iter().take(ONE_FILE).map(|i| run.patients[*i].clone()).collect();
     let nav = page::nav(run, "#top", &unfinished, &from_index);
     write(out, &page::page(&format!("{} · cardiotwin", run.cohort), &nav, &content))?;

@@ -4,6 +4,7 @@
 pub mod atomic;
 pub mod columns;
 pub mod comparison;
+pub mod discovery;
 pub mod signals;
 mod write_error;
 

@@ -107,11 +107,13 @@ impl Signals {
     pub fn read(patient: &PatientRecord) -> Self {
         let mut signals = Self::default();
         let step0 = &patient.plan.step0;
-        if let Some(input) = &step0.pressure {
-            signals.add(Source::Measured, &input.path, &[SignalKind::Pressure]);
-        }
-        if let Some(input) = &step0.volume {
-            signals.add(Source::Measured, &input.path, &[SignalKind::Volume]);
+        let measured = [(&step0.pressure, SignalKind::Pressure), (&step0.volume, SignalKind::Volume)];
+        // Traces that were corrected for artefacts are shown as they were used.
+        let corrected = patient.step0.as_ref().and_then(|record| record.artefact("measured"));
+        for (input, kind) in measured {
+            if let Some(input) = input {
+                signals.add(Source::Measured, corrected.as_deref().unwrap_or(&input.path), &[kind]);
+            }
         }
         let step1 =
             PatientView(patient).best_iteration().and_then(|i| i.run.as_ref()).and_then(|r| r.artefact("traces"));

@@ -55,6 +55,8 @@ pub fn step0(id: &str) -> PassiveStateSpec {
         start: StartMode::EndDiastole,
         activation: ActivationSettings::default(),
         biomarker_factors: BTreeMap::new(),
+        passive_law: None,
+        corrections: Vec::new(),
     }
 }
 

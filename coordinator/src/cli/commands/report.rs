@@ -9,6 +9,7 @@ use crate::cli::exit::Exit;
 use crate::cli::place::Place;
 use crate::cli::store::open;
 use crate::cli::talk::Talk;
+use crate::discovery;
 use crate::report::write_report;
 
 /// File name of the report in the run's folder.
@@ -33,7 +34,8 @@ pub async fn execute(args: &ReportArgs, talk: &Talk) -> Result<Exit, CliError> {
     folders.refuse_sweep("`cardiotwin sweep report DIR`")?;
     let record = open(&folders).await?.record().await?;
     let out = args.out.clone().unwrap_or_else(|| folders.run.join(FILE));
-    let paths = write_report(&record, &out).map_err(CliError::Report)?;
+    let cases = discovery::beside(folders.cohort.as_deref());
+    let paths = write_report(&record, cases.as_ref(), &out).map_err(CliError::Report)?;
     talk.data(&format!("{}\n", paths.main.display()))?;
     Ok(Exit::Ok)
 }

@@ -17,6 +17,7 @@ use crate::cli::store::open;
 use crate::cli::table::{Columns, duration};
 use crate::cli::talk::{Talk, count};
 use crate::cli::{problems, summary};
+use crate::discovery;
 use crate::engine::{self, EngineEvent, Reader, RunOptions, RunSummary, StopSignal, StoreError};
 use crate::input::{self, Cohort, Options, Report};
 use crate::report::write_report;
@@ -163,7 +164,8 @@ async fn finish(
     talk.data(&summary::table(&record, talk))?;
     let mut report = String::new();
     if !args.no_report {
-        let paths = write_report(&record, &folders.run.join(FILE)).map_err(CliError::Report)?;
+        let cases = discovery::beside(folders.cohort.as_deref());
+        let paths = write_report(&record, cases.as_ref(), &folders.run.join(FILE)).map_err(CliError::Report)?;
         report = format!("report: {}\n", paths.main.display());
     }
     let wall = duration(began.elapsed().as_secs_f64());

@@ -116,6 +116,17 @@ async fn the_whole_chain_is_walked_once_and_leaves_record_and_overlay() {
     assert_eq!(bench.overlay("P1", "model.toml").version, 1);
 }
 
+/// Both are done, and the first one's chain still stands: the second is looked at for its own sake.
+#[tokio::test]
+async fn changed_input_of_a_later_patient_is_seen_where_the_first_is_as_it_was() {
+    let mut bench = Bench::new(vec![personalised("P1", 8.0), personalised("P2", 9.0)]);
+    bench.run().await;
+    bench.patients[1].step0.end_diastolic_pressure_mmhg = Some(9.5);
+    let (summary, submitted) = bench.run().await;
+    assert_eq!((summary.done, submitted.first()), (2, Some(&"passive-state")));
+    assert!(bench.run().await.0.nothing_to_do());
+}
+
 #[tokio::test]
 async fn a_simulation_that_fails_ends_step1_as_stalled_and_a_rerun_continues_without_repeating() {
     let bench = Bench::new(vec![personalised("P1", 8.0)]);

@@ -93,6 +93,10 @@ pub enum Mark {
     Across { y: f64, class: &'static str, label: Option<(SvgText, f64)> },
     /// A line up at `x`.
     Up { x: f64, class: &'static str },
+    /// A band across between two values.
+    Band { from: f64, to: f64, class: &'static str },
+    /// Words above the plot's lower edge, in the middle of a part of the x axis.
+    Words { from: f64, to: f64, text: String },
     /// A bar from zero to `y` around `x`.
     Bar { x: f64, width: f64, y: f64, class: &'static str, title: String },
     /// A line between two places.
@@ -102,7 +106,7 @@ pub enum Mark {
 impl Mark {
     /// Rules and bands across the plot lie behind the lines.
     fn is_behind(&self) -> bool {
-        matches!(self, Self::Across { .. } | Self::Up { .. })
+        matches!(self, Self::Across { .. } | Self::Up { .. } | Self::Band { .. } | Self::Words { .. })
     }
 }
 
@@ -278,6 +282,16 @@ impl Chart {
             Mark::Up { x, class } => self.place(*x, self.y.scale.ends().0).map_or_else(Markup::default, |(px, _)| {
                 html! { path class={ "rule " (class) } d={ "M" (n(px)) " " (n(y0)) "V" (n(y1)) } {} }
             }),
+            Mark::Band { from, to, class } => {
+                let at = |y: f64| self.place(self.x.scale.ends().0, y).map(|(_, py)| py);
+                let (Some(low), Some(high)) = (at(*from), at(*to)) else { return Markup::default() };
+                html! { rect class={ "band " (class) } x=(n(x0)) y=(n(high)) width=(n(x1 - x0)) height=(n(low - high)) {} }
+            }
+            Mark::Words { from, to, text } => {
+                let at = |x: f64| self.place(x, self.y.scale.ends().0).map(|(px, _)| px);
+                let (Some(left), Some(right)) = (at(*from), at(*to)) else { return Markup::default() };
+                html! { text.label.quiet x=(n((left + right) / 2.0)) y=(n(y1 - 5.0)) text-anchor="middle" { (text) } }
+            }
             Mark::Bar { x, width, y, class, title } => {
                 let corners = (self.place(x - width / 2.0, y.max(0.0)), self.place(x + width / 2.0, y.min(0.0)));
                 let (Some(a), Some(b)) = corners else { return Markup::default() };

@@ -11,6 +11,8 @@ text { fill: #1c2127; } .ticks text { font-size: 12px; fill: #5d6873; } .label.q
 path { fill: none; } .axis { stroke: #5d6873; } .grid path { stroke: #eceff2; } .rule { stroke: #5d6873; stroke-dasharray: 2 3; }
 .line { stroke-width: 2; stroke-linejoin: round; } .line.measured { stroke: none; } .dot.measured { fill: #1c2127; fill-opacity: .55; }
 .line.step1 { stroke: #0072b2; } .line.step2 { stroke: #d55e00; }
+.line.before { stroke: #0072b2; } .line.after { stroke: #d55e00; } .rule.phase { stroke: #d9dee4; } .band.noise { fill: #eceff2; }
+.headline { font-size: 17px; font-weight: 600; }
 ";
 /// Height of a line of the legend.
 const LINE: f64 = 18.0;
@@ -39,6 +41,42 @@ impl Chart {
         };
         format!("{}\n", svg.into_string())
     }
+}
+
+/// Charts below each other with one legend, below a headline and lines of text, as the text of an SVG file.
+#[must_use]
+pub fn stacked(headline: &str, lines: &[String], charts: &[Chart]) -> String {
+    let width = charts.iter().map(|chart| chart.size.0).fold(0.0, f64::max);
+    let Some(first) = charts.first() else { return String::new() };
+    let keys: Vec<_> = first.series.iter().filter(|series| !series.name.is_empty()).collect();
+    let text = 30.0 + LINE * lines.len() as f64;
+    let legend = text + LINE;
+    let mut tops = vec![legend + 8.0];
+    for chart in charts {
+        tops.push(tops[tops.len() - 1] + chart.size.1);
+    }
+    let height = tops[tops.len() - 1];
+    let svg = html! {
+        svg xmlns="http://www.w3.org/2000/svg" viewBox={ "0 0 " (width) " " (height) } width=(1.4 * width) height=(1.4 * height)
+            role="img" aria-label=(headline) {
+            title { (headline) }
+            style { (PreEscaped(STYLE)) }
+            rect width="100%" height="100%" fill="#ffffff" {}
+            text.headline x="12" y="22" { (headline) }
+            @for (i, line) in lines.iter().enumerate() { text x="12" y=(40.0 + LINE * i as f64) { (line) } }
+            @for (i, series) in keys.iter().enumerate() {
+                @let left = 12.0 + width / keys.len() as f64 * i as f64;
+                @let y = legend - LINE / 2.0;
+                path class={ "line " (series.class) } d={ "M" (left) " " (y) "h28" } {}
+                @if series.dots { circle class={ "dot " (series.class) } cx=(left + 14.0) cy=(y) r="3.2" {} }
+                text x=(left + 36.0) y=(y + 4.0) { (series.name) }
+            }
+            @for (chart, top) in std::iter::zip(charts, &tops) {
+                g transform={ "translate(0 " (top) ")" } { (chart.content()) }
+            }
+        }
+    };
+    format!("{}\n", svg.into_string())
 }
 
 #[cfg(test)]

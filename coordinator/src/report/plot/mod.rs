@@ -11,4 +11,5 @@ mod scale;
 mod simplify;
 
 pub use chart::{Axis, Chart, Mark, Reading, Series, SvgText};
+pub use file::stacked;
 pub use scale::Scale;

@@ -49,6 +49,22 @@ pub struct Assembled {
     pub measurement: Measurement,
 }
 
+/// What stands between heart and data where there are these artefacts.
+///
+/// # Errors
+/// [`EffectError::NoArtefact`] for an effect of the heart, and as for [`assemble`].
+pub fn measurement(artefacts: &[EffectSetting]) -> Result<Measurement, EffectError> {
+    check(artefacts)?;
+    let mut measurement = Measurement::default();
+    for EffectSetting { effect, values } in artefacts {
+        let Action::Measurement(make) = effect.action else {
+            return Err(EffectError::NoArtefact { effect: effect.name });
+        };
+        measurement.push(make(values)?);
+    }
+    Ok(measurement)
+}
+
 /// Checks a list of effects: known ones, each once, values in their ranges.
 fn check(effects: &[EffectSetting]) -> Result<(), EffectError> {
     for (idx, setting) in effects.iter().enumerate() {

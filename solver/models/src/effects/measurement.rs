@@ -55,6 +55,9 @@ pub(super) fn delay(samples: &mut [f64], lag: f64) {
 pub trait MeasurementTerm: std::fmt::Debug + Send + Sync {
     /// Changes the traces as the measurement does.
     fn apply(&self, traces: &mut PeriodicTraces);
+
+    /// Takes the change back, as far as noise allows: measured traces become the heart's.
+    fn remove(&self, traces: &mut PeriodicTraces);
 }
 
 /// The steps of a measurement, in order; none in the base model.
@@ -79,6 +82,13 @@ impl Measurement {
     pub fn apply(&self, traces: &mut PeriodicTraces) {
         for term in &self.terms {
             term.apply(traces);
+        }
+    }
+
+    /// Turns measured traces into the heart's, the last step first.
+    pub fn remove(&self, traces: &mut PeriodicTraces) {
+        for term in self.terms.iter().rev() {
+            term.remove(traces);
         }
     }
 }

@@ -25,7 +25,7 @@ mod viscoelasticity;
 mod volume_scaling;
 mod wave_reflection;
 
-pub use assembly::{Assembled, BaseModel, Surroundings, add_to_circulation, assemble};
+pub use assembly::{Assembled, BaseModel, Surroundings, add_to_circulation, assemble, measurement};
 pub use declaration::{
     Action, Effect, InThreeDimensions, Kind, Mark, OneFibreParts, Parameter, Phase, Role, Sign, Signal,
 };

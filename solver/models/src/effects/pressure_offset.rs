@@ -44,6 +44,10 @@ impl MeasurementTerm for Offset {
     fn apply(&self, traces: &mut PeriodicTraces) {
         traces.pressure_mmhg.iter_mut().for_each(|p| *p += self.mmhg);
     }
+
+    fn remove(&self, traces: &mut PeriodicTraces) {
+        traces.pressure_mmhg.iter_mut().for_each(|p| *p -= self.mmhg);
+    }
 }
 
 fn make(values: &[f64]) -> Result<Box<dyn MeasurementTerm>, EffectError> {

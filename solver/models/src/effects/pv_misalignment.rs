@@ -46,6 +46,11 @@ impl MeasurementTerm for Delay {
         let spacing = traces.spacing_ms();
         delay(&mut traces.volume_ml, self.delay_ms / spacing);
     }
+
+    fn remove(&self, traces: &mut PeriodicTraces) {
+        let spacing = traces.spacing_ms();
+        delay(&mut traces.volume_ml, -self.delay_ms / spacing);
+    }
 }
 
 fn make(values: &[f64]) -> Result<Box<dyn MeasurementTerm>, EffectError> {

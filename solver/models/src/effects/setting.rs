@@ -156,6 +156,12 @@ pub enum EffectError {
         /// What to do.
         remedy: &'static str,
     },
+    /// An effect of the heart among corrections of the data.
+    #[error("{effect} is an effect of the heart: the data cannot be corrected for it, list it under `effects`")]
+    NoArtefact {
+        /// Effect.
+        effect: &'static str,
+    },
     /// A part of the circulation could not be made.
     #[error("circulation with effects")]
     Circulation(#[from] CirculationError),

@@ -44,6 +44,10 @@ impl MeasurementTerm for Factor {
     fn apply(&self, traces: &mut PeriodicTraces) {
         traces.volume_ml.iter_mut().for_each(|v| *v *= self.factor);
     }
+
+    fn remove(&self, traces: &mut PeriodicTraces) {
+        traces.volume_ml.iter_mut().for_each(|v| *v /= self.factor);
+    }
 }
 
 fn make(values: &[f64]) -> Result<Box<dyn MeasurementTerm>, EffectError> {

@@ -1,5 +1,6 @@
 //! Step 0: what all simulations of a patient share, from what was measured; what was not is estimated and flagged.
 
+mod corrections;
 pub(crate) mod estimates;
 mod onset;
 mod perturbation;
@@ -12,7 +13,7 @@ use cardiotwin_schemas::task::PassiveStateSpec;
 use cardiotwin_schemas::{biomarkers as files, organ};
 use cardiotwin_signals::resample::STEP;
 use cardiotwin_signals::{BiomarkerSet, Continuation, Quantity, Trace, resample};
-use cardiotwin_units::{Ml, Mmhg, Ms};
+use cardiotwin_units::{Kpa, Ml, Mmhg, Ms};
 
 use crate::biomarkers;
 use crate::context::Context;
@@ -26,6 +27,8 @@ struct Measurements {
     set: BiomarkerSet,
     /// Of the traces, with what was given directly in their place.
     biomarkers: files::Biomarkers,
+    /// What corrections add to a pressure at end-diastole \[mmHg\].
+    moved_by: Mmhg,
 }
 
 /// Volumes and pressures at end-diastole, in mL and mmHg.
@@ -44,12 +47,22 @@ pub fn run(spec: &PassiveStateSpec, context: &mut Context) -> Result<TaskResult,
     let mut estimates = Vec::new();
     let mut measured = Measurements::read(spec)?;
     let mut remarks = biomarkers::remarks(&measured.set);
-    let end_diastole = measured.end_diastole(spec, &mut estimates)?;
+    remarks.extend(corrections::remark(&spec.corrections));
+    let mut end_diastole = measured.end_diastole(spec, &mut estimates)?;
     measured.biomarkers.edv_ml = Some(end_diastole.volume_ml);
     measured.biomarkers.edp_mmhg = Some(end_diastole.pressure_mmhg);
 
-    let wall_volume_ml = spec.wall_volume_ml.unwrap_or_else(|| estimates::wall_volume(end_diastole, &mut estimates));
-    let (law, diastasis) = passive_law(spec, &measured, end_diastole, wall_volume_ml)?;
+    let accepted = spec.passive_law.as_ref();
+    let wall_volume_ml = accepted.map(|law| law.wall_volume_ml).or(spec.wall_volume_ml);
+    let wall_volume_ml = wall_volume_ml.unwrap_or_else(|| estimates::wall_volume(end_diastole, &mut estimates));
+    let (law, diastasis) = match accepted {
+        Some(law) => (accepted_law(law, end_diastole)?, None),
+        None => passive_law(spec, &measured, end_diastole, wall_volume_ml)?,
+    };
+    if accepted.is_some() {
+        end_diastole.pressure_mmhg = law.pressure(law.end_diastolic_volume).0;
+        remarks.push("the passive law is the one that was accepted with the patient's effects".to_owned());
+    }
     if diastasis.is_some()
         && !law.exponent_fitted
         && spec.passive_exponent.is_none()
@@ -67,6 +80,9 @@ pub fn run(spec: &PassiveStateSpec, context: &mut Context) -> Result<TaskResult,
         stiffness_kpa: law.stiffness.0,
         exponent: law.exponent,
     };
+    if !spec.corrections.is_empty() {
+        context.artefacts.write("measured", "measured.csv", &corrections::csv(&measured.pressure, &measured.volume))?;
+    }
     // Last, so that nothing above rests on anything but the data as measured.
     let biomarker_factors = perturbation::apply(&spec.biomarker_factors, &mut measured.biomarkers)?;
     remarks.extend(perturbation::remark(&biomarker_factors));
@@ -90,15 +106,18 @@ impl Measurements {
             let trace = input.as_ref().map(|file| read_trace(file, quantity)).transpose()?;
             trace.map(|trace| resample(&trace, periodic, STEP)).transpose().map_err(TaskError::from)
         };
-        let pressure = read(&spec.pressure, Quantity::Pressure)?;
-        let volume = read(&spec.volume, Quantity::Volume)?;
+        let mut pressure = read(&spec.pressure, Quantity::Pressure)?;
+        let mut volume = read(&spec.volume, Quantity::Volume)?;
+        let moved_by = corrections::apply(&spec.corrections, spec.cycle_length_ms, &mut pressure, &mut volume)?;
         let set = BiomarkerSet::of_samples(pressure.as_ref(), volume.as_ref(), periodic)?;
         let biomarkers = biomarkers::overridden(&biomarkers::to_schema(&set).0, &spec.biomarkers);
-        Ok(Self { pressure, volume, set, biomarkers })
+        Ok(Self { pressure, volume, set, biomarkers, moved_by })
     }
 
     fn end_diastole(&self, spec: &PassiveStateSpec, estimates: &mut Vec<Estimate>) -> Result<EndDiastole, TaskError> {
-        let pressure = spec.end_diastolic_pressure_mmhg.or(self.biomarkers.edp_mmhg);
+        // A stated pressure comes from the same catheter.
+        let stated = spec.end_diastolic_pressure_mmhg.map(|pressure| pressure + self.moved_by.0);
+        let pressure = stated.or(self.biomarkers.edp_mmhg);
         let pressure_mmhg = pressure.ok_or(TaskError::NotMeasured {
             what: "end-diastolic pressure",
             remedy: "give `end_diastolic_pressure_mmHg` in [measured], or a pressure trace",
@@ -121,6 +140,27 @@ impl Measurements {
         };
         Ok(EndDiastole { volume_ml, pressure_mmhg })
     }
+}
+
+/// The accepted law with the active stretch counted from the measured end-diastolic volume.
+fn accepted_law(law: &organ::OneFibrePassive, end_diastole: EndDiastole) -> Result<OneFibrePassive, TaskError> {
+    let reference = OneFibrePassive {
+        stiffness: Kpa(law.stiffness_kpa),
+        exponent: law.exponent,
+        unloaded_volume: Ml(law.unloaded_volume_ml),
+        end_diastolic_volume: Ml(law.end_diastolic_volume_ml),
+        wall_volume: Ml(law.wall_volume_ml),
+        exponent_fitted: true,
+    };
+    let volume = Ml(end_diastole.volume_ml);
+    let through = OneFibrePassive::through(
+        reference.unloaded_volume,
+        volume,
+        reference.pressure(volume),
+        reference.wall_volume,
+        law.exponent,
+    );
+    through.map(|law| OneFibrePassive { exponent_fitted: true, ..law }).map_err(TaskError::PassiveState)
 }
 
 /// The law through the measured points, and the diastasis point where there is one.

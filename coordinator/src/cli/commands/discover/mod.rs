@@ -1,5 +1,6 @@
 //! `cardiotwin discover`: finds what the model lacks in a patient's traces, for a patient or a cohort.
 
+mod accept;
 mod afterload;
 mod search;
 mod source;
@@ -11,11 +12,13 @@ use std::time::Instant;
 use cardiotwin_schemas::discover::DiscoverCases;
 use clap::Args;
 
+use crate::cli::commands::report::FILE;
 use crate::cli::error::CliError;
 use crate::cli::exit::Exit;
 use crate::cli::table::duration;
 use crate::cli::talk::{Talk, count};
 use crate::discovery;
+use crate::report::{discovery_svg, write_discovery};
 use source::Source;
 
 /// Find what the model lacks in measured traces, name it, and show the gap shrink
@@ -34,6 +37,12 @@ pub struct DiscoverArgs {
     /// Of the cohort, search these patients only (may be given several times)
     #[arg(long = "patient", value_name = "PATIENT", conflicts_with = "all")]
     patients: Vec<String>,
+    /// Write what was found into the patient's model.toml: the next `cardiotwin run` personalises with it
+    #[arg(long, conflicts_with = "revert")]
+    accept: bool,
+    /// Undo the last --accept; nothing is searched
+    #[arg(long)]
+    revert: bool,
     /// Candidates to try, by name [default: the whole catalogue]
     #[arg(long, value_name = "NAME,NAME", value_delimiter = ',')]
     effects: Vec<String>,
@@ -47,10 +56,10 @@ pub struct DiscoverArgs {
     #[arg(long, value_name = "FILE", num_args = 0..=1, default_missing_value = "-")]
     json: Option<PathBuf>,
     /// Search a measured aortic flow and pressure instead: what a three-element Windkessel misses in them
-    #[arg(long, value_names = ["FLOW.csv", "PRESSURE.csv"], num_args = 2, conflicts_with_all = ["all", "patients", "run_dir", "worker"])]
+    #[arg(long, value_names = ["FLOW.csv", "PRESSURE.csv"], num_args = 2, conflicts_with_all = ["all", "patients", "run_dir", "worker", "accept", "revert"])]
     afterload: Option<Vec<PathBuf>>,
-    /// With --afterload: draw the pressure, before and after, into this SVG file
-    #[arg(long, value_name = "FILE", requires = "afterload")]
+    /// Of one patient or afterload, draw measured, before and after as an SVG file
+    #[arg(long, value_name = "FILE")]
     plot: Option<PathBuf>,
     /// Folder of the searches [default: discover in the folder that is searched]
     #[arg(long, value_name = "DIR")]
@@ -71,10 +80,24 @@ pub async fn execute(args: &DiscoverArgs, talk: &Talk) -> Result<Exit, CliError>
     }
     let began = Instant::now();
     let source = Source::read(args, talk)?;
+    if source.is_cohort() && args.plot.is_some() {
+        return Err(CliError::Usage("--plot draws one patient: name a patient's folder".to_owned()));
+    }
+    if args.accept || args.revert {
+        accept::whose(args, &source)?;
+    }
+    if args.revert {
+        return accept::revert(&source, talk);
+    }
     let ended = search::run(args, &source, talk).await?;
     let cases = &ended.cases;
     discovery::write(&discovery::cases_file(&ended.run_dir), &discovery::cases_text(cases))
         .map_err(CliError::file("write", discovery::cases_file(&ended.run_dir)))?;
+    let page = ended.run_dir.join(FILE);
+    write_discovery(&source.name, cases, &page).map_err(CliError::Report)?;
+    if let (Some(file), Some(svg)) = (&args.plot, cases.values().next().and_then(discovery_svg)) {
+        discovery::write(file, &svg).map_err(CliError::file("write", file))?;
+    }
     let on_stdout = args.json.as_ref().is_some_and(|file| file.as_os_str() == "-");
     if let Some(file) = &args.json {
         let text = json(&source, cases);
@@ -90,11 +113,14 @@ pub async fn execute(args: &DiscoverArgs, talk: &Talk) -> Result<Exit, CliError>
             talk.data(&text::cohort(cases, talk))?;
         }
     }
+    if args.accept {
+        accept::accept(&source, cases, talk)?;
+    }
     for (patient, failure) in &ended.failures {
         talk.say(&format!("{patient} failed: {failure}"));
     }
     let wall = duration(began.elapsed().as_secs_f64());
-    talk.say(&format!("{} searched in {wall}", count(cases.len(), "patient")));
+    talk.say(&format!("{} searched in {wall}; report: {}", count(cases.len(), "patient"), page.display()));
     if ended.stopped {
         talk.say("stopped; nothing finished is lost, and the same command goes on");
         return Ok(Exit::Interrupted);

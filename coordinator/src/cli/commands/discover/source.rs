@@ -85,6 +85,12 @@ impl Source {
         !self.one
     }
 
+    /// The cohort that was named, or that holds the patient.
+    #[must_use]
+    pub fn cohort_folder(&self) -> Option<&Path> {
+        if self.one { self.cohort.as_deref() } else { Some(&self.folder) }
+    }
+
     /// Where the searches are kept: as named, else in the folder that is searched, else, where that cannot be written, in
     /// the current directory.
     #[must_use]

@@ -3,9 +3,9 @@
 use cardiotwin_schemas::discover::{DiscoverCase, DiscoverCases, Place};
 
 use crate::cli::table::{Columns, number, optional};
-use crate::cli::talk::{Talk, Tone};
-use crate::discovery::pool::pool;
-use crate::discovery::words;
+use crate::cli::talk::{Talk, Tone, count};
+use crate::results::discovery::pool::pool;
+use crate::results::discovery::words;
 
 /// Candidates of the ranking that are shown.
 const SHOWN: usize = 6;
@@ -85,7 +85,7 @@ fn places(case: &DiscoverCase, talk: &Talk) -> String {
             place.biomarkers.join(", "),
         ]);
     }
-    format!("{}{n_left_out} places below one standard deviation are left out\n\n", table.text())
+    format!("{}{} below one standard deviation left out\n\n", table.text(), count(n_left_out, "place"))
 }
 
 /// The gap before and after.
@@ -145,5 +145,51 @@ pub fn cohort(cases: &DiscoverCases, talk: &Talk) -> String {
     text.push('\n');
     text.push_str(&table.text());
     text.push('\n');
+    text.push_str(&filling(cases, talk));
     text
+}
+
+/// End-diastolic volumes with the filling pressure of the patient's file; nothing where no file states one.
+fn filling(cases: &DiscoverCases, talk: &Talk) -> String {
+    let headings = ["PATIENT", ">EDV mL", ">ERROR BEFORE", ">AFTER", ">LATE FILLING RMS BEFORE", ">AFTER"];
+    let mut table = Columns::new(talk, &headings);
+    let stated = cases.values().filter_map(|case| Some((case, case.found.stated_filling.as_ref()?)));
+    let mut n_stated = 0;
+    for (case, filling) in stated {
+        n_stated += 1;
+        let one = |value: Option<f64>| value.map_or("-".to_owned(), |value| format!("{value:.1}"));
+        let error = |volume: Option<f64>| one(volume.map(|volume| volume - filling.measured_ml));
+        table.row([
+            case.case.clone(),
+            one(Some(filling.measured_ml)),
+            error(filling.before_ml),
+            error(filling.after_ml),
+            one(filling.late_filling_before_ml),
+            one(filling.late_filling_after_ml),
+        ]);
+    }
+    if n_stated == 0 {
+        return String::new();
+    }
+    format!(
+        "{}periodic beat with the filling pressure of the patient's file, everything else as fitted; mL\n\n",
+        table.text()
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::discovery;
+    use crate::results::discovery::fixture::{kick, nothing, unexplained};
+
+    #[test]
+    fn a_patient_and_a_cohort_as_people_see_them() {
+        let talk = Talk { colour_out: false, colour_err: false, quiet: true, bars: false };
+        let all = [("P1", kick()), ("P2", kick()), ("P3", nothing()), ("P4", unexplained())];
+        let cases: DiscoverCases =
+            all.iter().map(|(id, found)| ((*id).to_owned(), discovery::case(id, "task", found))).collect();
+        insta::assert_snapshot!(format!("{}{}", case(&cases["P1"], false, &talk), cohort(&cases, &talk)));
+        assert_eq!(case(&cases["P3"], true, &talk).lines().count(), 3);
+    }
 }

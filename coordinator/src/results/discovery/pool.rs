@@ -32,3 +32,20 @@ pub fn pool<'a>(patients: impl IntoIterator<Item = &'a Discovered>) -> Vec<Poole
     list.sort_by(|a, b| b.log_evidence.total_cmp(&a.log_evidence));
     list
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::results::discovery::fixture::{effect, finding, kick, nothing};
+
+    #[test]
+    fn one_patient_does_not_speak_for_all_and_a_majority_makes_a_fault_of_the_model() {
+        let loud = finding(vec![effect("viscoelasticity", 500.0, false), effect("atrial_kick", 8.0, false)], 1);
+        let pooled = pool([&loud, &kick(), &kick()]);
+        let [first, second] = &pooled[..] else { panic!("{pooled:?}") };
+        assert_eq!((first.name.as_str(), first.accepted_in, first.of_the_model), ("atrial_kick", 2, true));
+        assert_eq!((first.log_evidence, second.log_evidence), (48.0, LARGEST_SHARE - 4.0));
+        assert_eq!((second.accepted_in, second.tried_in, second.of_the_model), (1, 3, false));
+        assert!(!pool([&kick(), &nothing()])[0].of_the_model, "half of the patients are no majority");
+    }
+}

@@ -148,3 +148,41 @@ fn named(found: &Discovered, names: &[String]) -> String {
         found.gap_after,
     )
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::results::discovery::fixture::{effect, finding, kick, nothing, unexplained};
+
+    #[test]
+    fn units_are_split_from_names() {
+        assert_eq!(split_unit("loss_mmHg_s2_per_mL2"), ("loss", "mmHg s²/mL²"));
+        assert_eq!(split_unit("volume_delay_ms"), ("volume_delay", "ms"));
+        assert_eq!(split_unit("damping"), ("damping", ""));
+        assert_eq!(
+            [digits(123.4), digits(12.34), digits(1.234), digits(0.0), digits(0.0012)].join(" "),
+            "123 12.3 1.23 0.000 1.20e-3"
+        );
+    }
+
+    #[test]
+    fn each_kind_of_answer_is_said() {
+        let text = summary(&kick());
+        for part in [
+            "misses: atrial kick: amplitude 7.90 mmHg (6.25 to 9.50), probability 0.98",
+            "volume in atrial systole, data 6.00 mL above the model (z 3.1)",
+            "from 1.61 to 0.94 times the noise, on data held out from 1.72 to 1.10",
+            "cannot tell it from passive stiffening; these would: atrial or wedge pressure.",
+        ] {
+            assert!(text.contains(part), "{part} is not in {text}");
+        }
+        let artefact = finding(vec![effect("pressure_offset", 30.0, true)], 1);
+        assert!(summary(&artefact).contains("corrected in the data, not in the heart: pressure offset."));
+        assert!(summary(&nothing()).starts_with("Nothing is missing"));
+        let text = summary(&unexplained());
+        assert!(
+            text.contains("no effect of the catalogue explains it") && text.contains("aortic flow (40 %"),
+            "{text}"
+        );
+    }
+}

@@ -1,0 +1,70 @@
+//! `--accept` and `--revert`: what was found becomes the patient's model, or ceases to be.
+
+use cardiotwin_schemas::discover::DiscoverCases;
+
+use super::DiscoverArgs;
+use super::source::Source;
+use crate::cli::error::CliError;
+use crate::cli::exit::Exit;
+use crate::cli::talk::Talk;
+use crate::clock;
+use crate::discovery::overlay::{self, Change, OverlayError};
+
+/// Refuses to change a whole cohort that was not named as such.
+///
+/// # Errors
+/// [`CliError::Usage`].
+pub fn whose(args: &DiscoverArgs, source: &Source) -> Result<(), CliError> {
+    if source.is_cohort() && !args.all && args.patients.is_empty() {
+        let message = "--accept and --revert change patients: say --all, or name them with --patient".to_owned();
+        return Err(CliError::Usage(message));
+    }
+    Ok(())
+}
+
+/// Accepts what was found in each patient.
+///
+/// # Errors
+/// [`CliError::Overlay`].
+pub fn accept(source: &Source, cases: &DiscoverCases, talk: &Talk) -> Result<(), CliError> {
+    let mut n_written = 0;
+    for searched in &source.patients {
+        let patient = &searched.patient;
+        let Some(case) = cases.get(&patient.id) else { continue };
+        let file = patient.folder.join("model.toml");
+        let names = case.found.accepted.join(", ");
+        let said = match overlay::accept(&patient.folder, case, &clock::now_utc())? {
+            Change::Written(version) => {
+                n_written += 1;
+                format!("accepted: {names}; version {version} of {}", file.display())
+            }
+            Change::Same(version) => format!("accepted before: {names}; version {version} of {}", file.display()),
+            Change::Nothing | Change::Removed => "nothing to accept".to_owned(),
+        };
+        talk.say(&format!("{}: {said}", patient.id));
+    }
+    if n_written > 0 {
+        let cohort = source.cohort_folder();
+        let place = cohort.map_or("the cohort".to_owned(), |folder| folder.display().to_string());
+        talk.hint(&format!("`cardiotwin run {place}` personalises with it; --revert undoes it"));
+    }
+    Ok(())
+}
+
+/// Undoes the last acceptance of each patient.
+///
+/// # Errors
+/// [`CliError::Overlay`], for a single patient also where nothing was accepted.
+pub fn revert(source: &Source, talk: &Talk) -> Result<Exit, CliError> {
+    for searched in &source.patients {
+        let patient = &searched.patient;
+        let said = match overlay::revert(&patient.folder, &clock::now_utc()) {
+            Ok(Change::Written(version)) => format!("as before the last acceptance; version {version} of model.toml"),
+            Ok(_) => "as measured; the versions of model.toml are kept".to_owned(),
+            Err(OverlayError::NothingAccepted { .. }) if source.is_cohort() => "nothing was accepted".to_owned(),
+            Err(error) => return Err(error.into()),
+        };
+        talk.say(&format!("{}: {said}", patient.id));
+    }
+    Ok(Exit::Ok)
+}

@@ -1,0 +1,187 @@
+//! `model.toml` beside `patient.toml`: what was accepted for a patient, versioned; `patient.toml` and traces stay as they are.
+
+use std::io;
+use std::path::{Path, PathBuf};
+
+use cardiotwin_schemas::discover::DiscoverCase;
+use cardiotwin_schemas::overlay::{Acceptance, AcceptedEvidence, ModelOverlay};
+
+use crate::results::atomic;
+
+/// Name of the current version.
+const FILE: &str = "model.toml";
+/// First lines of the file.
+const HEAD: &str = "# Written by `cardiotwin discover --accept`; the next `cardiotwin run` personalises with it, `cardiotwin discover --revert`\n\
+                    # undoes it. What was measured is never changed. Older versions: model.vN.toml\n";
+
+/// Why a version could not be written.
+#[derive(Debug, thiserror::Error)]
+pub enum OverlayError {
+    /// A file cannot be read or written.
+    #[error("cannot {what} {path}")]
+    File {
+        /// Verb.
+        what: &'static str,
+        /// Which.
+        path: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
+    /// A file that is no overlay.
+    #[error("{path} is no patient's model: correct it, or move it aside")]
+    Format {
+        /// Which.
+        path: PathBuf,
+        /// Where and why.
+        source: Box<toml::de::Error>,
+    },
+    /// There is nothing to undo.
+    #[error("{path} was not written by an acceptance: there is nothing to revert")]
+    NothingAccepted {
+        /// Which file.
+        path: PathBuf,
+    },
+}
+
+/// What became of the current version.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Change {
+    /// This version is current now.
+    Written(u32),
+    /// The current version says the same already.
+    Same(u32),
+    /// No version is current any more: the patient is as measured.
+    Removed,
+    /// The search accepted nothing, so there is nothing to write.
+    Nothing,
+}
+
+/// Writes what a search found as the patient's next version.
+///
+/// - `now`: UTC, RFC 3339
+///
+/// # Errors
+/// [`OverlayError`] when the folder cannot be written or its file is no overlay.
+pub fn accept(folder: &Path, case: &DiscoverCase, now: &str) -> Result<Change, OverlayError> {
+    let found = &case.found;
+    if found.none {
+        return Ok(Change::Nothing);
+    }
+    let current = current(folder)?;
+    let from = [("discover".to_owned(), case.task.clone())].into();
+    if let Some(current) = &current
+        && current.from == from
+        && current.accepted.is_some()
+    {
+        return Ok(Change::Same(current.version));
+    }
+    let evidence = found.effects.iter().filter(|effect| found.accepted.contains(&effect.name));
+    let overlay = ModelOverlay {
+        version: kept_versions(folder).max(current.as_ref().map_or(0, |c| c.version)) + 1,
+        patient: case.case.clone(),
+        written: now.to_owned(),
+        from,
+        afterload: Some(found.model.afterload),
+        left_atrial_pressure_mmhg: Some(found.model.left_atrial_pressure_mmhg),
+        passive: Some(found.model.passive),
+        tanh: None,
+        valves: None,
+        cell: Default::default(),
+        effects: found.model.effects.clone(),
+        corrections: found.model.corrections.clone(),
+        accepted: Some(Acceptance {
+            program: env!("CARGO_PKG_VERSION").to_owned(),
+            before: current.as_ref().map(|c| c.version),
+            seed: found.seed,
+            threshold: found.threshold,
+            p_value: found.p_value,
+            gap_before: found.gap_before,
+            gap_after: found.gap_after,
+            gap_heldout_before: found.gap_heldout_before,
+            gap_heldout_after: found.gap_heldout_after,
+            settings: found.settings.clone(),
+            data: found.data.clone(),
+            evidence: evidence
+                .map(|effect| AcceptedEvidence {
+                    name: effect.name.clone(),
+                    probability: effect.probability,
+                    delta_bic: effect.delta_bic,
+                    log_evidence: effect.log_evidence,
+                    interval: effect.interval.clone(),
+                })
+                .collect(),
+        }),
+    };
+    keep(folder, current.as_ref())?;
+    write(folder, &overlay)
+}
+
+/// Undoes the last acceptance: the version before it becomes current again, under a new number.
+///
+/// # Errors
+/// [`OverlayError::NothingAccepted`] where no acceptance is current, and as [`accept`].
+pub fn revert(folder: &Path, now: &str) -> Result<Change, OverlayError> {
+    let path = folder.join(FILE);
+    let current = current(folder)?;
+    let Some((overlay, acceptance)) = current.and_then(|c| c.accepted.clone().map(|accepted| (c, accepted))) else {
+        return Err(OverlayError::NothingAccepted { path });
+    };
+    keep(folder, Some(&overlay))?;
+    let Some(before) = acceptance.before else {
+        std::fs::remove_file(&path).map_err(|source| OverlayError::File { what: "remove", path, source })?;
+        return Ok(Change::Removed);
+    };
+    let earlier = read(&folder.join(format!("model.v{before}.toml")))?;
+    let earlier = earlier.ok_or_else(|| OverlayError::File {
+        what: "read",
+        path: folder.join(format!("model.v{before}.toml")),
+        source: io::ErrorKind::NotFound.into(),
+    })?;
+    let version = kept_versions(folder).max(overlay.version) + 1;
+    write(folder, &ModelOverlay { version, written: now.to_owned(), ..earlier })
+}
+
+fn current(folder: &Path) -> Result<Option<ModelOverlay>, OverlayError> {
+    read(&folder.join(FILE))
+}
+
+fn read(path: &Path) -> Result<Option<ModelOverlay>, OverlayError> {
+    let text = match std::fs::read_to_string(path) {
+        Ok(text) => text,
+        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
+        Err(source) => return Err(OverlayError::File { what: "read", path: path.to_owned(), source }),
+    };
+    let overlay = toml::from_str(&text)
+        .map_err(|source| OverlayError::Format { path: path.to_owned(), source: Box::new(source) })?;
+    Ok(Some(overlay))
+}
+
+/// Copies the current version to its own name, byte for byte.
+fn keep(folder: &Path, current: Option<&ModelOverlay>) -> Result<(), OverlayError> {
+    let Some(current) = current else { return Ok(()) };
+    let (from, to) = (folder.join(FILE), folder.join(format!("model.v{}.toml", current.version)));
+    let bytes = std::fs::read(&from).map_err(|source| OverlayError::File { what: "read", path: from, source })?;
+    atomic::write(&to, |out| out.write_all(&bytes)).map_err(|source| OverlayError::File {
+        what: "write",
+        path: to,
+        source,
+    })
+}
+
+fn write(folder: &Path, overlay: &ModelOverlay) -> Result<Change, OverlayError> {
+    let path = folder.join(FILE);
+    let failed = |source| OverlayError::File { what: "write", path: path.clone(), source };
+    let text = toml::to_string(overlay).map_err(|error| failed(io::Error::new(io::ErrorKind::InvalidData, error)))?;
+    atomic::write(&path, |out| out.write_all(format!("{HEAD}{text}").as_bytes())).map_err(failed)?;
+    Ok(Change::Written(overlay.version))
+}
+
+/// Highest N of `model.vN.toml`.
+fn kept_versions(folder: &Path) -> u32 {
+    let number = |name: &str| name.strip_prefix("model.v")?.strip_suffix(".toml")?.parse::<u32>().ok();
+    let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
+    entries.filter_map(|entry| number(&entry.file_name().to_string_lossy())).max().unwrap_or(0)
+}
+
+#[cfg(test)]
+mod tests;

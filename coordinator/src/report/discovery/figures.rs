@@ -1,0 +1,124 @@
+//! Measured, before and after over a beat, and what is left.
+
+use cardiotwin_schemas::discover::{ComparedSignal, DiscoverCase};
+
+use crate::report::plot::{Axis, Chart, Mark, Scale, Series};
+
+/// Of what.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Which {
+    /// Pressure.
+    Pressure,
+    /// Volume.
+    Volume,
+}
+
+/// Phases as they are written into a chart.
+const SHORT: [(&str, &str); 7] = [
+    ("isovolumic_contraction", "IVC"),
+    ("early_ejection", "early ej."),
+    ("late_ejection", "late ej."),
+    ("isovolumic_relaxation", "IVR"),
+    ("rapid_filling", "filling"),
+    ("diastasis", "diastasis"),
+    ("atrial_systole", "atrial"),
+];
+/// Narrower phases get no words.
+const NARROW_SHARE: f64 = 0.07;
+/// The band shows so many standard deviations of the noise.
+const BAND: f64 = 2.0;
+
+struct Parts<'a> {
+    name: &'static str,
+    unit: &'static str,
+    data: &'a ComparedSignal,
+    before: &'a [f64],
+    after: &'a [f64],
+}
+
+fn parts(case: &DiscoverCase, which: Which) -> Parts<'_> {
+    let (series, curves) = (&case.found.series, &case.found.series.curves);
+    match which {
+        Which::Pressure => Parts {
+            name: "pressure",
+            unit: "mmHg",
+            data: &series.pressure,
+            before: &curves.pressure_before_mmhg,
+            after: &curves.pressure_after_mmhg,
+        },
+        Which::Volume => Parts {
+            name: "volume",
+            unit: "mL",
+            data: &series.volume,
+            before: &curves.volume_before_ml,
+            after: &curves.volume_after_ml,
+        },
+    }
+}
+
+fn zip(x: &[f64], y: &[f64]) -> Vec<(f64, f64)> {
+    std::iter::zip(x, y).map(|(x, y)| (*x, *y)).collect()
+}
+
+/// Data and both models over the beat.
+#[must_use]
+pub fn signal(case: &DiscoverCase, which: Which) -> Option<Chart> {
+    let of = parts(case, which);
+    let time = &case.found.series.curves.time_ms;
+    let values = of.data.measured.iter().chain(of.before).chain(of.after).copied();
+    let y = Axis::new(format!("{} ({})", of.name, of.unit).as_str(), of.unit, Scale::linear(values, false)?);
+    let mut chart = Chart::new(format!("{} of {}: measured, before, after", of.name, case.case), time_axis(case)?, y);
+    // A trace of many samples is a cloud of dots only where it is thin enough to see the lines.
+    let measured = zip(&of.data.time_ms, &of.data.measured);
+    chart.series.push(Series { class: "measured", name: "measured".to_owned(), points: measured, dots: true });
+    let before = zip(time, of.before);
+    chart.series.push(Series { class: "before", name: "base model".to_owned(), points: before, dots: false });
+    if !case.found.none {
+        let name = format!("with {}", case.found.accepted.join(", ").replace('_', " "));
+        chart.series.push(Series { class: "after", name, points: zip(time, of.after), dots: false });
+    }
+    phases(&mut chart, case, false);
+    Some(chart)
+}
+
+/// Data less model at the times of the data, before and after, over the noise band.
+#[must_use]
+pub fn residual(case: &DiscoverCase, which: Which) -> Option<Chart> {
+    let of = parts(case, which);
+    let left = |model: &[f64]| -> Vec<f64> { std::iter::zip(&of.data.measured, model).map(|(d, m)| d - m).collect() };
+    let (before, after) = (left(&of.data.before), left(&of.data.after));
+    let band = BAND * of.data.noise_sd;
+    let values = before.iter().chain(&after).copied().chain([-1.4 * band, 1.4 * band]);
+    let y = Axis::new(format!("residual ({})", of.unit).as_str(), of.unit, Scale::linear(values, false)?);
+    let mut chart = Chart::new(format!("residual of the {} of {}", of.name, case.case), time_axis(case)?, y);
+    chart.size.1 = 190.0;
+    chart.marks.push(Mark::Band { from: -band, to: band, class: "noise" });
+    chart.marks.push(Mark::Across { y: 0.0, class: "level", label: None });
+    let time = &of.data.time_ms;
+    chart.series.push(Series { class: "before", name: "base model".into(), points: zip(time, &before), dots: false });
+    if !case.found.none {
+        chart.series.push(Series { class: "after", name: "after".into(), points: zip(time, &after), dots: false });
+    }
+    phases(&mut chart, case, true);
+    Some(chart)
+}
+
+fn time_axis(case: &DiscoverCase) -> Option<Axis> {
+    Some(Axis::new("time (ms)", "ms", Scale::exact(0.0, *case.found.series.curves.time_ms.last()?)))
+}
+
+/// Where phases begin, and their names where asked for.
+fn phases(chart: &mut Chart, case: &DiscoverCase, named: bool) {
+    let phases = &case.found.series.phases;
+    let cycle = case.found.series.curves.time_ms.last().copied().unwrap_or(0.0);
+    for (i, phase) in phases.iter().enumerate() {
+        chart.marks.push(Mark::Up { x: phase.begin_ms, class: "phase" });
+        let next = phases[(i + 1) % phases.len()].begin_ms;
+        // The phase that runs past the end of the cycle is named before it.
+        let end = if next > phase.begin_ms { next } else { cycle };
+        let short = SHORT.iter().find(|(name, _)| *name == phase.phase).map_or("", |(_, short)| short);
+        if named && end - phase.begin_ms > NARROW_SHARE * cycle {
+            chart.marks.push(Mark::Words { from: phase.begin_ms, to: end, text: short.to_owned() });
+        }
+    }
+}

@@ -1,0 +1,193 @@
+//! What searches for missing effects found: a section for each patient, the cohort's table, a page and a picture.
+
+mod figures;
+mod tables;
+
+use std::path::Path;
+
+use cardiotwin_schemas::discover::{DiscoverCase, DiscoverCases};
+use maud::{Markup, html};
+
+use super::figures::{figure, legend};
+use super::page::page;
+use super::plot::stacked;
+use super::write::write;
+use crate::results::WriteError;
+use crate::results::discovery::words::{self, plain};
+
+/// Writes the page of a run of searches.
+///
+/// # Errors
+/// [`WriteError`] when the file cannot be written.
+pub fn write_discovery(name: &str, cases: &DiscoverCases, out: &Path) -> Result<(), WriteError> {
+    let content = html! {
+        header.top { h1 { (name) } }
+        (part(cases))
+    };
+    write(out, &page(&format!("{name} · missing effects · cardiotwin"), &nav(name, cases), &content))
+}
+
+fn nav(name: &str, cases: &DiscoverCases) -> Markup {
+    html! {
+        nav aria-label="patients" {
+            div.navhead {
+                a.home href="#" { (name) }
+                button.theme type="button" title="light or dark" aria-label="switch between light and dark" { "◐" }
+            }
+            ol { @for id in cases.keys() { li { a href={ "#missing-" (id) } { (id) } } } }
+        }
+    }
+}
+
+/// The cohort's tables and a section for each patient.
+#[must_use]
+pub fn part(cases: &DiscoverCases) -> Markup {
+    html! {
+        h2 id="missing" { "What the model misses" }
+        (cohort(cases))
+        @for case in cases.values() { (section(case)) }
+    }
+}
+
+/// Which effect is missing in how many, and what adding it does; nothing for a single patient.
+#[must_use]
+pub fn cohort(cases: &DiscoverCases) -> Markup {
+    html! {
+        @if cases.len() > 1 {
+            p { "An effect that most patients lack is a fault of the model; one that a single patient shows is that patient's." }
+            (tables::patients(cases))
+            (tables::pooled(cases))
+            @if cases.values().any(|case| case.found.stated_filling.is_some()) { (tables::filling(cases)) }
+        }
+    }
+}
+
+/// What was found, in a few words.
+fn verdict(case: &DiscoverCase) -> String {
+    let found = &case.found;
+    match (&found.unexplained, found.none) {
+        (Some(_), _) => "unexplained".to_owned(),
+        (None, true) => "nothing is missing".to_owned(),
+        (None, false) => found.accepted.iter().map(|name| plain(name)).collect::<Vec<_>>().join(" + "),
+    }
+}
+
+fn section(case: &DiscoverCase) -> Markup {
+    let found = &case.found;
+    let with = if found.none { "base model".to_owned() } else { format!("with {}", verdict(case)) };
+    let mut keys = vec![("measured", "measured".to_owned()), ("before", "base model".to_owned())];
+    if !found.none {
+        keys.push(("after", with));
+    }
+    html! {
+        section.patient id={ "missing-" (case.case) } {
+            header { h2 { (case.case) } span.badge { (verdict(case)) } }
+            p.summary { (case.summary) }
+            (legend(&keys))
+            div.figures.dotted {
+                (figure("Pressure", figures::signal(case, figures::Which::Pressure), "", &html! {}))
+                (figure("Volume", figures::signal(case, figures::Which::Volume), "", &html! {}))
+                (figure("Residual of the pressure", figures::residual(case, figures::Which::Pressure), "",
+                    &html! { ", data less model; the band is twice the noise" }))
+                (figure("Residual of the volume", figures::residual(case, figures::Which::Volume), "",
+                    &html! { ", data less model; the band is twice the noise" }))
+            }
+            div.tables {
+                (tables::ranking(case))
+                (tables::gaps(case))
+                (tables::places(case))
+                (tables::biomarkers(case))
+            }
+            (tables::lists(case))
+            p.quiet {
+                "seed " (found.seed) " · a name needs evidence above " (format!("{:.1}", found.threshold))
+                " · p = " (format!("{:.4}", found.p_value)) " · " (found.n_evaluations) " parameter sets · data "
+                @for (role, hash) in &found.data { (role) " " code { (hash.chars().take(12).collect::<String>()) } " " }
+            }
+        }
+    }
+}
+
+/// The gap, the name and the shrink in one picture, as the text of an SVG file. None where there is nothing to draw.
+#[must_use]
+pub fn discovery_svg(case: &DiscoverCase) -> Option<String> {
+    let found = &case.found;
+    let shares =
+        |signal: &str| -> f64 { found.places.iter().filter(|p| p.signal == signal).map(|p| p.z.powi(2)).sum() };
+    let which = if shares("volume") >= shares("pressure") { figures::Which::Volume } else { figures::Which::Pressure };
+    let mut charts = vec![figures::signal(case, which)?, figures::residual(case, which)?];
+    charts[1].size.1 = 210.0;
+    for chart in &mut charts {
+        chart.size.0 = 640.0;
+    }
+    let held = match (found.gap_heldout_before, found.gap_heldout_after) {
+        (Some(before), Some(after)) => format!("; on data held out {before:.2} to {after:.2}"),
+        _ => String::new(),
+    };
+    let mut lines = vec![format!("gap {:.2} to {:.2} times the noise{held}", found.gap_before, found.gap_after)];
+    lines.extend(found.effects.iter().filter(|e| found.accepted.contains(&e.name)).map(words::strength));
+    Some(stacked(&format!("{}: {}", case.case, verdict(case)), &lines, &charts))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::results::discovery::fixture::{kick, nothing, unexplained};
+    use cardiotwin_schemas::discover::Discovered;
+
+    fn case(id: &str, found: Discovered) -> DiscoverCase {
+        DiscoverCase { schema_version: 1, case: id.into(), summary: words::summary(&found), task: "t".into(), found }
+    }
+
+    #[test]
+    fn a_section_shows_ranking_gap_places_and_both_models() {
+        let html = section(&case("P<1>", kick())).into_string();
+        for part in [
+            "P&lt;1&gt;",
+            "● accepted",
+            "whole beat",
+            "whole heart volume",
+            "with atrial kick",
+            "class=\"line after\"",
+            "Cannot be told from",
+        ] {
+            assert!(html.contains(part), "{part} is not in {html}");
+        }
+        assert_eq!(html.matches("class=\"band noise\"").count(), 2);
+        let html = section(&case("P2", nothing())).into_string();
+        assert!(html.contains("nothing is missing") && !html.contains("class=\"line after\""));
+        assert!(section(&case("P3", unexplained())).into_string().contains("What the unexplained gap depends on"));
+    }
+
+    #[test]
+    fn a_cohort_shows_pooled_evidence_and_a_page_holds_all() {
+        let cases: DiscoverCases =
+            [("P1", kick()), ("P2", nothing())].map(|(id, found)| (id.to_owned(), case(id, found))).into();
+        let html = cohort(&cases).into_string();
+        assert!(
+            html.contains("1 of 2") && html.contains("With the filling pressure") && html.contains("−20.0"),
+            "{html}"
+        );
+        let folder = tempfile::tempdir().unwrap();
+        let out = folder.path().join("report.html");
+        write_discovery("made up", &cases, &out).unwrap();
+        let page = std::fs::read_to_string(out).unwrap();
+        assert!(
+            page.contains("href=\"#missing-P2\"") && page.contains("id=\"missing-P2\"") && !page.contains("http://")
+        );
+    }
+
+    #[test]
+    fn the_picture_says_gap_name_and_shrink() {
+        let svg = discovery_svg(&case("P1", kick())).unwrap();
+        for part in [
+            "P1: atrial kick",
+            "gap 1.61 to 0.94 times the noise; on data held out 1.72 to 1.10",
+            "amplitude 7.90 mmHg",
+            "atrial",
+        ] {
+            assert!(svg.contains(part), "{part} is not in {svg}");
+        }
+        assert!(svg.starts_with("<svg xmlns") && !svg.contains("var("));
+    }
+}

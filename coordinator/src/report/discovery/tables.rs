@@ -1,0 +1,178 @@
+//! Tables of findings.
+
+use cardiotwin_schemas::discover::{DiscoverCase, DiscoverCases, GapAt, Place};
+use maud::{Markup, html};
+
+use crate::report::format::{fixed, significant, symbol};
+use crate::report::tables::scrolling;
+use crate::results::discovery::pool::pool;
+use crate::results::discovery::words::{plain, strength};
+
+/// Candidates that are shown.
+const SHOWN: usize = 8;
+
+fn number(value: Option<f64>) -> Markup {
+    html! { td.num { (fixed(value, 2)) } }
+}
+
+/// Ranked candidates.
+#[must_use]
+pub fn ranking(case: &DiscoverCase) -> Markup {
+    let found = &case.found;
+    scrolling(&html! { table {
+        caption { "Candidates" }
+        thead { tr { th { "effect" } th { "probability" } th { "ΔBIC" } th { "evidence" } th.unit { "strength (95 %)" } th.unit { "in 3D" } } }
+        tbody { @for effect in found.effects.iter().take(SHOWN) {
+            @let accepted = found.accepted.contains(&effect.name);
+            tr {
+                th scope="row" { (plain(&effect.name)) @if accepted { span.good { " ● accepted" } } @if effect.artefact { span.quiet { " artefact" } } }
+                td.num { (format!("{:.3}", effect.probability)) }
+                td.num { (format!("{:.1}", effect.delta_bic)) }
+                td.num { (format!("{:.1}", effect.log_evidence)) }
+                td { (strength(effect)) @if !effect.plausible { span.quiet { " (too weak, or at the edge of its range)" } } }
+                td title=[effect.in_3d.how.as_ref()] { (effect.in_3d.way.replace('-', " ")) }
+            }
+        } }
+    } })
+}
+
+/// The gap by signal and phase, before and after, on fitted data and on data held out.
+#[must_use]
+pub fn gaps(case: &DiscoverCase) -> Markup {
+    let found = &case.found;
+    let name = |gap: &GapAt| {
+        if gap.phase == "beat" {
+            format!("{}, whole beat", gap.signal)
+        } else {
+            format!("{}, {}", gap.signal, plain(&gap.phase))
+        }
+    };
+    scrolling(&html! { table {
+        caption { "Gap: rms residual over the noise" }
+        thead { tr { th { "" } th { "before" } th { "after" } th { "held out, before" } th { "held out, after" } } }
+        tbody { @for gap in &found.gaps { tr {
+            th scope="row" { (name(gap)) }
+            (number(Some(gap.before))) (number(Some(gap.after))) (number(gap.heldout_before)) (number(gap.heldout_after))
+        } } }
+        tfoot { tr {
+            th scope="row" { "all, with scalars" }
+            (number(Some(found.gap_before))) (number(Some(found.gap_after)))
+            (number(found.gap_heldout_before)) (number(found.gap_heldout_after))
+        } }
+    } })
+}
+
+/// Where base model and data disagree.
+#[must_use]
+pub fn places(case: &DiscoverCase) -> Markup {
+    let found = &case.found;
+    let after = |place: &Place| found.where_after.iter().find(|p| p.signal == place.signal && p.phase == place.phase);
+    scrolling(&html! { table {
+        caption { "Where the base model and the data disagree" }
+        thead { tr { th { "" } th { "data − model" } th { "z" } th { "share" } th { "z after" } th.unit { "moves" } } }
+        tbody { @for place in &found.places { tr {
+            th scope="row" { (plain(&place.signal)) @if place.phase != "beat" { ", " (plain(&place.phase)) } }
+            td.num { (format!("{:+.2}", place.size)) " " span.quiet { (place.unit) } }
+            td.num { (format!("{:+.1}", place.z)) }
+            td.num { @if place.share > 0.0 { (format!("{:.0}", 100.0 * place.share)) " %" } }
+            td.num { @if let Some(after) = after(place) { (format!("{:+.1}", after.z)) } }
+            td { @for (i, name) in place.biomarkers.iter().enumerate() { @if i > 0 { ", " } (name) } }
+        } } }
+    } })
+}
+
+/// Biomarkers as measured, before and after.
+#[must_use]
+pub fn biomarkers(case: &DiscoverCase) -> Markup {
+    let value = |value: Option<f64>| value.map_or("\u{2013}".to_owned(), |value| significant(value, 4));
+    scrolling(&html! { table {
+        caption { "Biomarkers" }
+        thead { tr { th { "" } th { "measured" } th { "before" } th { "after" } } }
+        tbody { @for row in &case.found.biomarkers { tr {
+            th scope="row" { (symbol(&row.name)) }
+            td.num { (value(Some(row.measured))) } td.num { (value(row.before)) } td.num { (value(row.after)) }
+        } } }
+    } })
+}
+
+/// What cannot be told apart, what would decide, what these data cannot show, what an unexplained gap depends on.
+#[must_use]
+pub fn lists(case: &DiscoverCase) -> Markup {
+    let found = &case.found;
+    let names = |list: &[String]| list.iter().map(|name| plain(name)).collect::<Vec<_>>().join(", ");
+    let without = |name: &String| {
+        let entry = found.not_identifiable_without.iter().find(|n| n.name == *name);
+        let data = entry.map_or(String::new(), |n| n.would_show.join("; "));
+        if data.is_empty() { plain(name) } else { format!("{} ({data})", plain(name)) }
+    };
+    let mut rows = vec![
+        ("Cannot be told from", names(&found.confusable)),
+        ("What would decide", found.deciding_measurement.join("; ")),
+        ("These data cannot show", found.not_identifiable.iter().map(without).collect::<Vec<_>>().join(", ")),
+    ];
+    if let Some(gap) = &found.unexplained {
+        let depends =
+            gap.depends_on.iter().map(|d| format!("{} on {} ({:.0} %)", d.signal, plain(&d.variable), 100.0 * d.share));
+        rows.push(("What the unexplained gap depends on", depends.collect::<Vec<_>>().join(", ")));
+    }
+    for effect in found.effects.iter().filter(|effect| found.accepted.contains(&effect.name)) {
+        rows.extend(effect.remedy.clone().map(|remedy| ("To do", remedy)));
+    }
+    rows.retain(|(_, text)| !text.is_empty());
+    html! { @if !rows.is_empty() { ul.notes { @for (label, text) in &rows { li { span { b { (label) ": " } (text) } } } } } }
+}
+
+/// A row for each patient.
+#[must_use]
+pub fn patients(cases: &DiscoverCases) -> Markup {
+    scrolling(&html! { table {
+        caption { "Patients" }
+        thead { tr {
+            th { "patient" } th.unit { "missing" } th { "gap before" } th { "after" } th { "held out, before" } th { "after" } th.unit { "cannot be told from" }
+        } }
+        tbody { @for case in cases.values() {
+            @let found = &case.found;
+            tr {
+                th scope="row" { a href={ "#missing-" (case.case) } { (case.case) } }
+                td { (super::verdict(case)) }
+                (number(Some(found.gap_before))) (number(Some(found.gap_after)))
+                (number(found.gap_heldout_before)) (number(found.gap_heldout_after))
+                td { (found.confusable.iter().map(|name| plain(name)).collect::<Vec<_>>().join(", ")) }
+            }
+        } }
+    } })
+}
+
+/// Evidence of all patients together.
+#[must_use]
+pub fn pooled(cases: &DiscoverCases) -> Markup {
+    scrolling(&html! { table {
+        caption { "All patients together" }
+        thead { tr { th { "effect" } th { "accepted in" } th { "pooled evidence" } th.unit { "a fault of" } } }
+        tbody { @for effect in pool(cases.values().map(|case| &case.found)) { tr {
+            th scope="row" { (plain(&effect.name)) }
+            td.num { (effect.accepted_in) " of " (cases.len()) }
+            td.num { (format!("{:.1}", effect.log_evidence)) }
+            td { @if effect.of_the_model { "the model" } @else if effect.accepted_in > 0 { "single patients" } }
+        } } }
+    } })
+}
+
+/// The periodic beat with the filling pressure that the patient's file states.
+#[must_use]
+pub fn filling(cases: &DiscoverCases) -> Markup {
+    let one = |value: Option<f64>| html! { td.num { (fixed(value, 1)) } };
+    scrolling(&html! { table {
+        caption { "With the filling pressure of the patient's file: the periodic beat's end-diastolic volume, and the volume in diastasis and atrial systole (mL)" }
+        thead { tr {
+            th { "patient" } th { "measured" } th { "before" } th { "after" } th { "error before" } th { "error after" }
+            th { "late filling, rms before" } th { "rms after" }
+        } }
+        tbody { @for case in cases.values() { @if let Some(f) = &case.found.stated_filling { tr {
+            th scope="row" { (case.case) }
+            (one(Some(f.measured_ml))) (one(f.before_ml)) (one(f.after_ml))
+            (one(f.before_ml.map(|v| v - f.measured_ml))) (one(f.after_ml.map(|v| v - f.measured_ml)))
+            (one(f.late_filling_before_ml)) (one(f.late_filling_after_ml))
+        } } } }
+    } })
+}
