@@ -60,6 +60,9 @@ pub struct RankedEffect {
     pub delta_bic: f64,
     /// Twice the logarithm of the Bayes factor against the model without it.
     pub log_evidence: f64,
+    /// The same with the best nameless competitor allowed on either side: what is left of it if something else is missing too.
+    #[serde(default)]
+    pub robust_evidence: f64,
     /// Fall of the deviance.
     pub delta_deviance: f64,
     /// Fitted parameters; their names carry the units.
@@ -418,7 +421,7 @@ pub struct PooledEffect {
     pub accepted_in: u32,
     /// Patients in whom it was tried.
     pub tried_in: u32,
-    /// Sum over the patients of twice the logarithm of the Bayes factor, each counted up to a largest share.
+    /// Sum over the patients of `robust_evidence`, each counted up to a largest share.
     pub log_evidence: f64,
     /// Whether more than half of the patients lack it: a fault of the model rather than of a patient.
     pub of_the_model: bool,

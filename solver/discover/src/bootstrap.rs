@@ -35,6 +35,17 @@ impl Tangent {
         (self.typical * self.typical * (self.length * self.length - 1.0)).max(0.0)
     }
 
+    /// Evidence that the candidate would have were the model linear: a score test across all fitted parameters, whatever the
+    /// size of the strength.
+    ///
+    /// - `residuals`: white residuals of the fit that the tangent was taken at, priors last
+    #[must_use]
+    pub fn score(&self, residuals: &DVector<f64>) -> f64 {
+        let projection = -self.direction.rows(0, residuals.len()).dot(residuals);
+        let side = if projection < 0.0 { self.sides.0 } else { self.sides.1 };
+        (if side { projection * projection } else { 0.0 }) - 2.0 * self.length.ln()
+    }
+
     /// Evidence that these residuals give to the candidate; none when the strength is not to be named.
     fn evidence(&self, noise: &DVector<f64>) -> f64 {
         let projection = self.direction.dot(noise);

@@ -13,8 +13,8 @@ pub struct PooledEffect {
     pub accepted_in: usize,
     /// Patients in whom it was tried.
     pub tried_in: usize,
-    /// Sum over the patients of twice the log Bayes factor against the model without it, each counted up to
-    /// [`LARGEST_SHARE`], so that one patient does not speak for all.
+    /// Sum over the patients of twice the log Bayes factor against the model without it, the best nameless competitor
+    /// allowed on either side, each counted up to [`LARGEST_SHARE`], so that one patient does not speak for all.
     pub log_evidence: f64,
     /// Whether more than half of the patients lack it.
     pub of_the_model: bool,
@@ -39,7 +39,7 @@ pub fn pool<'a>(patients: impl IntoIterator<Item = &'a Discovery>) -> Vec<Pooled
                 of_the_model: false,
             });
             pooled.tried_in += 1;
-            pooled.log_evidence += effect.log_evidence.min(LARGEST_SHARE);
+            pooled.log_evidence += effect.robust_evidence.min(LARGEST_SHARE);
             pooled.accepted_in += usize::from(found.accepted.contains(&effect.name));
         }
     }

@@ -1,11 +1,11 @@
 //! Fits of structures: the most probable parameters with profiled noise scales, and the evidence of the structure.
 
-use crate::least_squares::{Minimum, Settings, minimise};
+use crate::least_squares::{Known, Minimum, Settings, minimise_from};
 use crate::noise::NoiseLevels;
 use crate::parameter::Parameter;
 use crate::problem::{Misfit, Problem, Structure, Weights};
 use cardiotwin_models::periodic::Orbit;
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
 
 /// Weights before anything is known of the misfit.
 const UNIT: Weights = Weights { pressure: 1.0, volume: 1.0 };
@@ -79,6 +79,17 @@ impl Problem<'_> {
         }
     }
 
+    /// Residuals and derivatives made with some weights as they are with others.
+    fn reweighted(&self, mut r: DVector<f64>, mut jacobian: DMatrix<f64>, from: Weights, to: Weights) -> Known {
+        let (n_p, n_v) = (self.data.pressure.len(), self.data.volume.len());
+        let (p, v) = ((to.pressure / from.pressure).sqrt(), (to.volume / from.volume).sqrt());
+        r.rows_mut(0, n_p).scale_mut(p);
+        r.rows_mut(n_p, n_v).scale_mut(v);
+        jacobian.rows_mut(0, n_p).scale_mut(p);
+        jacobian.rows_mut(n_p, n_v).scale_mut(v);
+        (r, jacobian)
+    }
+
     /// −2 ln(likelihood · prior) with the noise scales integrated out.
     #[must_use]
     pub fn deviance(&self, misfit: &Misfit) -> f64 {
@@ -100,11 +111,12 @@ impl Problem<'_> {
         let mut weights = near.map_or(UNIT, |fit| fit.weights);
         let mut warm = near.map(|fit| fit.minimum.warm.clone());
         let mut z = start.to_vec();
+        let mut known = None;
         let mut n_evaluations = 0;
         let mut round = 0;
         loop {
             let residuals = |z: &[f64], warm: Option<&Orbit>| self.residuals(structure, &parameters, z, weights, warm);
-            let minimum = minimise(&residuals, &z, warm.as_ref(), &bounds, settings)?;
+            let minimum = minimise_from(&residuals, &z, warm.as_ref(), known.take(), &bounds, settings)?;
             n_evaluations += minimum.n_evaluations;
             let misfit = self.misfit(&minimum.residuals, weights);
             let next = self.weights(&misfit);
@@ -130,8 +142,9 @@ impl Problem<'_> {
                     n_evaluations,
                 });
             }
+            known = Some(self.reweighted(minimum.residuals, minimum.jacobian, weights, next));
             weights = next;
-            z.clone_from(&minimum.z);
+            z = minimum.z;
             warm = Some(minimum.warm);
         }
     }

@@ -61,6 +61,8 @@ pub struct Candidate {
     pub confused_with: Vec<String>,
     /// Measurements that would tell it from those.
     pub separated_by: Vec<String>,
+    /// Twice the logarithm of how frequent it is against the others: decides between those that the data cannot tell apart.
+    pub log_prior: f64,
     /// Side data without which it is not to be seen.
     pub hidden_because: Option<String>,
 }

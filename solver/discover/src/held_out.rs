@@ -1,5 +1,6 @@
 //! The gap between model and data, on the data that were fitted and on data that were held out.
 
+use crate::calibration::Calibration;
 use crate::fit::Fit;
 use crate::forward::Prediction;
 use crate::least_squares::Settings;
@@ -65,7 +66,8 @@ pub fn held_out(problem: &Problem<'_>, fit: &Fit, settings: &Settings) -> Option
             let fitted = problem.data.part(&|t| fold_of(t) != fold);
             let inner = Problem { forward: problem.forward, data: &fitted };
             let refit = inner.fit(&fit.structure, &fit.z, Some(fit), settings)?;
-            inner.predict(&refit.structure, &refit.values(), Some(&refit.minimum.warm))
+            let beat = inner.predict(&refit.structure, &refit.values(), Some(&refit.minimum.warm))?;
+            Some(Calibration::of(&fitted, &beat).apply(&beat))
         })
         .collect();
     let folds: Vec<Prediction> = folds.into_iter().collect::<Option<_>>()?;

@@ -45,30 +45,73 @@ pub struct Minimum<S> {
 /// Residuals of parameters with a state from which neighbours are found sooner; none where the model has no answer.
 pub type Residuals<'a, S> = dyn Fn(&[f64], Option<&S>) -> Option<(DVector<f64>, S)> + Sync + 'a;
 
+/// Residuals and derivatives at the start, where they are known.
+pub type Known = (DVector<f64>, DMatrix<f64>);
+
+/// Steps for which derivatives are carried on by Broyden's rank-one update (1965, Math Comp 19:577) before they are taken anew.
+const CARRIED: usize = 2;
+/// A step that gains less than this share of what it promised ends that sooner.
+const TRUSTED: f64 = 0.4;
+
 /// Minimises the sum of squares in the box from `start` with the state `warm`; none when there are no residuals at the start.
 #[must_use]
-pub fn minimise<S>(
+pub fn minimise<S: Clone>(
     residuals: &Residuals<'_, S>,
     start: &[f64],
     warm: Option<&S>,
     bounds: &[(f64, f64)],
     settings: &Settings,
 ) -> Option<Minimum<S>> {
+    minimise_from(residuals, start, warm, None, bounds, settings)
+}
+
+/// The same with residuals and derivatives of the start, which `warm` then belongs to.
+#[must_use]
+pub fn minimise_from<S: Clone>(
+    residuals: &Residuals<'_, S>,
+    start: &[f64],
+    warm: Option<&S>,
+    known: Option<Known>,
+    bounds: &[(f64, f64)],
+    settings: &Settings,
+) -> Option<Minimum<S>> {
     let n = start.len();
     let mut z: Vec<f64> = start.iter().zip(bounds).map(|(z, b)| z.clamp(b.0, b.1)).collect();
-    let (mut r, mut warm) = residuals(&z, warm)?;
+    let mut n_evaluations = 0;
+    // Steps since the derivatives were taken, none while there are none.
+    let mut age = None;
+    let (mut r, mut jacobian, mut warm) = match known.zip(warm) {
+        Some(((r, jacobian), warm)) => {
+            age = Some(0);
+            (r, jacobian, warm.clone())
+        }
+        None => {
+            n_evaluations += 1;
+            let (r, warm) = residuals(&z, warm)?;
+            let jacobian = DMatrix::zeros(r.len(), n);
+            (r, jacobian, warm)
+        }
+    };
     let mut cost = r.norm_squared();
-    let mut n_evaluations = 1;
-    let mut jacobian = DMatrix::zeros(r.len(), n);
     let (mut damping, mut growth) = (1e-2, 2.0);
     let mut converged = false;
     let mut small = 0;
-    for _ in 0..settings.max_iterations {
-        n_evaluations += differences(residuals, (&z, &r, &warm), bounds, settings.difference, &mut jacobian);
+    let mut n_jacobians = 0;
+    loop {
+        if age.is_none() {
+            if n_jacobians == settings.max_iterations {
+                break;
+            }
+            n_jacobians += 1;
+            n_evaluations += differences(residuals, (&z, &r, &warm), bounds, settings.difference, &mut jacobian);
+            age = Some(0);
+        }
+        let steps = age.unwrap_or(0);
         let gradient = jacobian.tr_mul(&r);
         let normal = jacobian.tr_mul(&jacobian);
         let mut fall = None;
-        for _ in 0..8 {
+        let mut trusted = false;
+        for _ in 0..if steps == 0 { 8 } else { 2 } {
             let Some(trial) = step(&normal, &gradient, &z, bounds, damping) else { break };
             let taken = DVector::from_fn(n, |i, _| trial[i] - z[i]);
             let predicted = -(2.0 * gradient.dot(&taken) + (&normal * &taken).dot(&taken));
@@ -84,6 +127,9 @@ pub fn minimise<S>(
                 let agreement = (gain / predicted).clamp(0.0, 1.0);
                 damping = (damping * (1.0 - (2.0 * agreement - 1.0).powi(3)).max(1.0 / 3.0)).max(1e-7);
                 growth = 2.0;
+                trusted = agreement > TRUSTED;
+                let missed = &trial_r - &r - &jacobian * &taken;
+                jacobian.ger(1.0 / taken.norm_squared(), &missed, &taken, 1.0);
                 (z, r, cost, warm) = (trial, trial_r, trial_cost, state);
                 fall = Some(gain);
                 break;
@@ -91,12 +137,23 @@ pub fn minimise<S>(
             damping = (damping * growth).max(1e-4);
             growth *= 2.0;
         }
-        let Some(fall) = fall else { break };
-        // One small fall may be a badly damped step; two in a row are the end.
-        small = if fall < settings.tolerance { small + 1 } else { 0 };
-        if small == 2 || fall == 0.0 {
-            converged = true;
-            break;
+        match fall {
+            // Only derivatives of this very point say that nothing is to be gained.
+            None if steps == 0 => break,
+            Some(0.0) if steps == 0 => {
+                converged = true;
+                break;
+            }
+            None | Some(0.0) => age = None,
+            Some(fall) => {
+                // One small fall may be a badly damped step; two in a row are the end.
+                small = if fall < settings.tolerance { small + 1 } else { 0 };
+                if small == 2 {
+                    converged = true;
+                    break;
+                }
+                age = (trusted && small == 0 && steps < CARRIED).then_some(steps + 1);
+            }
         }
     }
     Some(Minimum { z, residuals: r, cost, jacobian, warm, converged, n_evaluations })

@@ -3,6 +3,7 @@
 
 pub mod activation;
 pub mod bootstrap;
+pub mod calibration;
 pub mod cohort;
 pub mod confusion;
 pub mod decide;
@@ -10,11 +11,15 @@ pub mod fit;
 pub mod forward;
 pub mod held_out;
 pub mod least_squares;
+pub mod level;
 pub mod locate;
 pub mod measured;
+pub mod moves;
+pub mod nameless;
 pub mod noise;
 pub mod parameter;
 pub mod problem;
+pub mod ranked;
 pub mod reduced;
 pub mod result;
 pub mod search;

@@ -269,12 +269,15 @@ pub fn pressure_signal(measured: &Measured, levels: &NoiseLevels, tolerance: &To
     Signal::new(time, value, rms, covariance)
 }
 
+/// Half width of the line through the frames that gives a slope \[ms\].
+pub(crate) const VOLUME_SLOPE_MS: f64 = 45.0;
+
 /// Volume frames with weakly correlated noise and tolerance.
 #[must_use]
 pub fn volume_signal(measured: &Measured, levels: &NoiseLevels, tolerance: &Tolerance) -> Signal {
     let time = measured.frame_time_ms.clone();
     let value = measured.frame_volume_ml.clone();
-    let slope = slopes(&time, &value, 45.0);
+    let slope = slopes(&time, &value, VOLUME_SLOPE_MS);
     let n = time.len();
     let rms = levels.volume_rms_ml;
     let covariance = DMatrix::from_fn(n, n, |i, j| {

@@ -19,6 +19,8 @@ pub struct Data {
     pub measured: Measured,
     /// Noise in use.
     pub levels: NoiseLevels,
+    /// What the model may miss.
+    pub tolerance: Tolerance,
     /// Pressure bins.
     pub pressure: Signal,
     /// Volume frames.
@@ -32,7 +34,7 @@ impl Data {
         let levels = NoiseLevels::of(&measured);
         let pressure = pressure_signal(&measured, &levels, tolerance);
         let volume = volume_signal(&measured, &levels, tolerance);
-        Self { measured, levels, pressure, volume }
+        Self { measured, levels, tolerance: *tolerance, pressure, volume }
     }
 
     /// The trace data at the times that are wanted; side data as they are.

@@ -1,5 +1,6 @@
 //! What the search finds, as it is written.
 
+use crate::calibration::Calibration;
 use crate::locate::Place;
 use crate::series::Series;
 use serde::{Deserialize, Serialize};
@@ -18,6 +19,9 @@ pub struct RankedEffect {
     pub delta_bic: f64,
     /// Twice the logarithm of the Bayes factor against the model without it (Laplace).
     pub log_evidence: f64,
+    /// The same where the rest of the gap may be explained by the best nameless competitor, with it and without it.
+    #[serde(default)]
+    pub robust_evidence: f64,
     /// Fall of the deviance.
     pub delta_deviance: f64,
     /// Fitted parameters.
@@ -109,6 +113,9 @@ pub struct Discovery {
     pub base: BTreeMap<String, f64>,
     /// Fitted base values without effects.
     pub base_before: BTreeMap<String, f64>,
+    /// Calibration errors too small for a name, as estimated with the accepted model; gaps and traces are those with them.
+    #[serde(default)]
+    pub calibration: Calibration,
     /// Where the base model disagrees.
     pub located: Vec<Place>,
     /// The same places with the accepted effects.

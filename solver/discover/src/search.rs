@@ -7,7 +7,7 @@ use crate::problem::{N_BUMPS, Problem, Structure};
 use rayon::prelude::*;
 
 /// How much a fit with a further term may lie above the one without before it counts as failed \[deviance\].
-const RISE: f64 = 0.2;
+pub const RISE: f64 = 0.2;
 
 /// Mean square of the white residuals from which on starts nearer to the prior are tried too.
 const BENT: f64 = 1.35;
@@ -42,6 +42,8 @@ pub fn add_term(problem: &Problem<'_>, without: &Fit, term: usize, settings: &Se
     let candidate = &problem.forward.candidates()[term];
     let mut structure = without.structure.clone();
     structure.terms.push(term);
+    // The nameless bumps stay last.
+    let end = without.z.len() - if structure.bumps { N_BUMPS } else { 0 };
     // A base that is bent far to follow what it lacks is a bad start for what would unbend it.
     let n = (problem.data.pressure.len() + problem.data.volume.len()) as f64;
     let bent = without.misfit.pressure + without.misfit.volume > BENT * n;
@@ -53,7 +55,7 @@ pub fn add_term(problem: &Problem<'_>, without: &Fit, term: usize, settings: &Se
         .par_iter()
         .map(|(share, values)| {
             let mut z: Vec<f64> = without.z.iter().map(|z| share * z).collect();
-            z.extend(start_z(candidate, values));
+            z.splice(end..end, start_z(candidate, values));
             problem.fit(&structure, &z, Some(without), settings)
         })
         .collect();
@@ -65,7 +67,7 @@ pub fn add_term(problem: &Problem<'_>, without: &Fit, term: usize, settings: &Se
     let mut z = without.z.clone();
     let mut values = candidate.starts[0].clone();
     values[0] = candidate.off + 0.1 * (values[0] - candidate.off);
-    z.extend(start_z(candidate, &values));
+    z.splice(end..end, start_z(candidate, &values));
     best([found, problem.fit(&structure, &z, Some(without), settings)])
 }
 
@@ -86,13 +88,4 @@ pub fn scan(problem: &Problem<'_>, without: &Fit, among: &[usize], settings: &Se
             wanted.then(|| add_term(problem, without, term, settings)).flatten()
         })
         .collect()
-}
-
-/// The structure with nameless bumps of the activation.
-#[must_use]
-pub fn add_bumps(problem: &Problem<'_>, without: &Fit, settings: &Settings) -> Option<Fit> {
-    let structure = Structure { terms: without.structure.terms.clone(), bumps: true };
-    let mut z = without.z.clone();
-    z.extend([0.0; N_BUMPS]);
-    problem.fit(&structure, &z, Some(without), settings)
 }

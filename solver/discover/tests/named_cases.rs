@@ -12,7 +12,8 @@ fn accepted(id: &str) -> Vec<String> {
     let found = discover(&measured, &Reduced::new(&measured), &Settings::default()).unwrap();
     let label = &load::labels(&folder).unwrap()[id];
     assert!(!label.hard && !label.off_catalogue && label.band != "at the limit");
-    assert_eq!(load::part(&load::cases(&folder).unwrap(), "aside").unwrap().len(), 3);
+    // None of the cases that were set aside is a test.
+    assert!(load::part(&load::cases(&folder).unwrap(), "aside").unwrap().is_empty());
     assert_eq!(found.none, found.accepted.is_empty());
     if let Some(first) = found.accepted.first() {
         assert_eq!(*first, found.effects[0].name);

@@ -37,23 +37,28 @@ fn template() -> Measured {
     }
 }
 
-/// The base model at its prior's mean with one effect at this strength and its first start's shape.
-fn beat(effect: Option<(&str, f64)>) -> Prediction {
+/// The base model at its prior's mean with effects at these strengths and their first starts' shapes, and bumps of the
+/// activation.
+fn beat(effects: &[(&str, f64)], bumps: &[f64]) -> Prediction {
     let model = Reduced::new(&template());
     let base: Vec<f64> = model.base().iter().map(|p| p.mean).collect();
-    let term = effect.map(|(name, strength)| {
-        let idx = model.candidates().iter().position(|c| c.name == name).unwrap();
+    let values = |(name, strength): &(&str, f64)| {
+        let idx = model.candidates().iter().position(|c| c.name == *name).unwrap();
         let mut values = model.candidates()[idx].starts[0].clone();
-        values[0] = strength;
+        values[0] = *strength;
         (idx, values)
-    });
-    let terms: Vec<(usize, &[f64])> = term.iter().map(|(idx, values)| (*idx, values.as_slice())).collect();
-    model.predict(&Request { base: &base, terms: &terms, bumps: &[] }, None).unwrap()
+    };
+    let values: Vec<(usize, Vec<f64>)> = effects.iter().map(values).collect();
+    let terms: Vec<(usize, &[f64])> = values.iter().map(|(idx, values)| (*idx, values.as_slice())).collect();
+    model.predict(&Request { base: &base, terms: &terms, bumps }, None).unwrap()
 }
 
-/// Its data with noise as stated.
+/// Data with noise as stated.
 fn patient(effect: Option<(&str, f64)>, seed: u64) -> Measured {
-    let beat = beat(effect);
+    measured(&beat(effect.as_slice(), &[]), seed)
+}
+
+fn measured(beat: &Prediction, seed: u64) -> Measured {
     let mut measured = template();
     let mut random = Pcg64::seed_from_u64(seed);
     let mut normal = || {
@@ -114,6 +119,26 @@ fn strong_effects_are_named_with_intervals_that_hold_them() {
     }
 }
 
+#[test]
+fn two_effects_are_found_together() {
+    let beat = beat(&[("atrial_kick", 12.0), ("pressure_offset", 9.0)], &[]);
+    let mut found = search(&measured(&beat, 3)).accepted;
+    found.sort();
+    assert_eq!(found, ["atrial_kick", "pressure_offset"]);
+}
+
+/// What nothing in the catalogue makes is not named, and does not hide what can be.
+#[test]
+fn a_strange_activation_is_unexplained_and_hides_nothing() {
+    let bumps = [0.4, -0.4, 0.3, -0.3, 0.4, -0.4];
+    let alone = search(&measured(&beat(&[], &bumps), 5));
+    assert!(alone.none, "{:?}", alone.accepted);
+    assert_eq!(alone.unexplained.unwrap().kind, "activation");
+    let both = search(&measured(&beat(&[("atrial_kick", 12.0)], &bumps), 5));
+    assert_eq!(both.accepted, ["atrial_kick"]);
+    assert!(both.nameless_evidence > 10.0 && both.effects[0].robust_evidence > 6.0, "{:?}", both.effects[0]);
+}
+
 /// The same bits whatever the number of threads.
 #[test]
 fn threads_do_not_change_a_bit() {
@@ -126,7 +151,7 @@ fn threads_do_not_change_a_bit() {
 
 #[test]
 fn phases_follow_the_valves_of_the_model() {
-    let beat = beat(None);
+    let beat = beat(&[], &[]);
     let data = Data::new(patient(None, 4), &Tolerance::default());
     let phases = Phases::of(&data);
     let open = |flow: &[f64]| {

@@ -27,6 +27,7 @@ pub fn effect(name: &str, log_evidence: f64, artefact: bool) -> RankedEffect {
         probability: if log_evidence > 6.0 { 0.98 } else { 0.01 },
         delta_bic: log_evidence - 3.0,
         log_evidence,
+        robust_evidence: log_evidence,
         delta_deviance: log_evidence + 8.0,
         strength: [("amplitude_mmHg".to_owned(), 7.9)].into(),
         interval: [("amplitude_mmHg".to_owned(), [6.25, 9.5])].into(),

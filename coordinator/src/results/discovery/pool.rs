@@ -23,7 +23,7 @@ pub fn pool<'a>(patients: impl IntoIterator<Item = &'a Discovered>) -> Vec<Poole
                 of_the_model: false,
             });
             pooled.tried_in += 1;
-            pooled.log_evidence += effect.log_evidence.min(LARGEST_SHARE);
+            pooled.log_evidence += effect.robust_evidence.min(LARGEST_SHARE);
             pooled.accepted_in += u32::from(found.accepted.contains(&effect.name));
         }
     }

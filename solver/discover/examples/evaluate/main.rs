@@ -2,8 +2,8 @@
 //! `evaluate CASES_DIR [--jobs N] [--only ID,ID] [--part development|aside] [--no-side] [--seed N] [--out FILE]`.
 //!
 //! One JSON line a case on standard output, the table on standard error. With `--out` the lines go to a file instead; cases
-//! that it has already are not searched again, so that a command that was stopped goes on. `--part` splits the cases once and for all by
-//! a hash of their names into two halves, so that one half can stay unseen.
+//! that it has already are not searched again, so that a command that was stopped goes on. `--part development` takes those 24 cases of
+//! the development set by which the search was made, `--part aside` all others.
 
 mod load;
 mod score;

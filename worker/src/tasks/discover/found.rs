@@ -111,6 +111,7 @@ fn ranked(effect: &result::RankedEffect) -> Result<files::RankedEffect, TaskErro
         probability: effect.probability,
         delta_bic: effect.delta_bic,
         log_evidence: effect.log_evidence,
+        robust_evidence: effect.robust_evidence,
         delta_deviance: effect.delta_deviance,
         strength: effect.strength.clone(),
         interval: effect.interval.clone(),

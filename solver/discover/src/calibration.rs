@@ -1,0 +1,65 @@
+//! Small calibration errors that every measurement has (offset of the pressure, shift and factor of the volume): part of the
+//! tolerance while a model is fitted, and estimated afterwards, so that predictions can be compared with the data.
+
+use crate::forward::Prediction;
+use crate::noise::{Signal, slopes};
+use crate::problem::Data;
+use serde::{Deserialize, Serialize};
+
+/// Posterior means of the errors.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+#[allow(non_snake_case)]
+pub struct Calibration {
+    /// Measured less true pressure \[mmHg\].
+    pub pressure_offset_mmHg: f64,
+    /// Delay of the frames against the pressure \[ms\].
+    pub volume_delay_ms: f64,
+    /// Measured over true volume, less one.
+    pub volume_excess: f64,
+}
+
+/// Most that such an error may be, in its prior standard deviations: from there on it is worth a name of its own.
+const LARGEST_SD: f64 = 2.0;
+
+/// Posterior mean of the amplitude of an error of this shape with prior standard deviation `sd`, given the residuals: the
+/// covariance holds it already, so sd² hᵀ C⁻¹ r; no larger than what would have a name.
+fn amplitude(signal: &Signal, shape: &[f64], residual: &[f64], sd: f64) -> f64 {
+    let (mut h, mut r) = (Vec::new(), Vec::new());
+    signal.whiten(shape, &mut h);
+    signal.whiten(residual, &mut r);
+    let mean = sd * sd * h.iter().zip(&r).map(|(h, r)| h * r).sum::<f64>();
+    mean.clamp(-LARGEST_SD * sd, LARGEST_SD * sd)
+}
+
+impl Calibration {
+    /// Estimates from the residuals of a beat.
+    #[must_use]
+    pub fn of(data: &Data, beat: &Prediction) -> Self {
+        let residual = |signal: &Signal, trace: &[f64]| -> Vec<f64> {
+            signal.time_ms.iter().zip(&signal.value).map(|(t, v)| v - beat.at(trace, *t)).collect()
+        };
+        let (p, v) = (&data.pressure, &data.volume);
+        let (rp, rv) = (residual(p, &beat.pressure_mmhg), residual(v, &beat.volume_ml));
+        let tolerance = &data.tolerance;
+        // A delay of the frames moves them by less its slope.
+        let delayed: Vec<f64> =
+            slopes(&v.time_ms, &v.value, crate::noise::VOLUME_SLOPE_MS).iter().map(|s| -s).collect();
+        Self {
+            pressure_offset_mmHg: amplitude(p, &vec![1.0; p.len()], &rp, tolerance.offset_mmhg),
+            volume_delay_ms: amplitude(v, &delayed, &rv, tolerance.shift_ms),
+            volume_excess: amplitude(v, &v.value, &rv, tolerance.scale),
+        }
+    }
+
+    /// The beat as it would be measured with these errors; what is not measured stays.
+    #[must_use]
+    pub fn apply(&self, beat: &Prediction) -> Prediction {
+        let n = beat.volume_ml.len();
+        let delayed = |i: usize| beat.at(&beat.volume_ml, i as f64 * beat.step_ms - self.volume_delay_ms);
+        Prediction {
+            pressure_mmhg: beat.pressure_mmhg.iter().map(|p| p + self.pressure_offset_mmHg).collect(),
+            volume_ml: (0..n).map(|i| delayed(i) * (1.0 + self.volume_excess)).collect(),
+            ..beat.clone()
+        }
+    }
+}

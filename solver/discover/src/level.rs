@@ -1,0 +1,260 @@
+//! One level of the search: a structure, what each candidate adds to it, and what noise alone would give.
+
+use crate::bootstrap::{Tangent, null_maxima, quantile, tangents};
+use crate::decide::Settings;
+use crate::fit::Fit;
+use crate::forward::Forward;
+use crate::nameless::{ALWAYS, Nameless, Views, Wide, widen};
+use crate::problem::Problem;
+use crate::search::{RISE, add_term, best, refit, scan};
+use rayon::prelude::*;
+
+/// Evidence below which one answer is not preferred to another: "not worth more than a bare mention" (Kass and Raftery 1995).
+pub const BARE_MENTION: f64 = 2.0;
+/// Score below which a candidate is not fitted where it has been fitted without the competitor, or at an earlier level.
+const WORTH_A_FIT: f64 = -3.0;
+/// Candidates that are fitted with all competitors.
+const SHORT_LIST: usize = 4;
+/// Candidates whose optima are tried as starts for one another.
+const CROSSED: usize = 3;
+
+/// What does not change during a search.
+pub struct Search<'a> {
+    /// Data.
+    pub views: &'a Views,
+    /// Model.
+    pub forward: &'a dyn Forward,
+    /// Settings.
+    pub settings: &'a Settings,
+    /// Candidates in question.
+    pub among: Vec<usize>,
+}
+
+/// One level.
+pub struct Level {
+    /// The structure.
+    pub wide: Wide,
+    /// With each candidate, by candidate.
+    pub with: Vec<Option<Wide>>,
+    /// Directions of the candidates.
+    pub tangents: Vec<Tangent>,
+    /// Largest evidence of any candidate in draws of noise.
+    pub maxima: Vec<f64>,
+}
+
+impl Level {
+    /// Evaluations of its fits.
+    #[must_use]
+    pub fn n_evaluations(&self) -> usize {
+        let of = |wide: &Wide| wide.fits.iter().map(|(_, fit)| fit.n_evaluations).sum::<usize>();
+        of(&self.wide) + self.with.iter().flatten().map(of).sum::<usize>()
+    }
+
+    /// Evidence for a candidate, no competitor on either side.
+    #[must_use]
+    pub fn gain(&self, term: usize) -> Option<f64> {
+        Some(self.wide.plain().evidence - self.with[term].as_ref()?.plain().evidence)
+    }
+
+    /// The same with the best competitor on either side.
+    #[must_use]
+    pub fn robust_gain(&self, term: usize) -> Option<f64> {
+        Some(self.wide.evidence() - self.with[term].as_ref()?.evidence())
+    }
+}
+
+impl Search<'_> {
+    /// The problem without competitor.
+    #[must_use]
+    pub fn plain(&self) -> Problem<'_> {
+        self.views.problem(self.forward, Nameless::Nothing)
+    }
+
+    /// Everything about one structure.
+    #[must_use]
+    pub fn level(&self, current: &Fit, index: u64) -> Level {
+        let fit = &self.settings.fit;
+        let plain = self.plain();
+        let among = if index == 0 { self.among.clone() } else { self.worth_a_fit(&plain, current) };
+        let mut fits = self.crossed(scan(&plain, current, &among, fit));
+        let current = &self.unbent(current, &fits);
+        for (term, found) in fits.iter_mut().enumerate() {
+            if found.as_ref().is_some_and(|f| f.deviance > current.deviance + RISE) {
+                *found = best([found.take(), add_term(&plain, current, term, fit)]);
+            }
+        }
+        let only = Wide { fits: vec![(Nameless::Nothing, current.clone())] };
+        let mut wide = widen(self.views, self.forward, only, &ALWAYS, fit);
+        // A candidate that is clearly seen but may not be named is a competitor.
+        let gain = |f: &Fit| current.evidence - f.evidence;
+        let unnamed = (fits.iter().enumerate())
+            .filter_map(|(term, f)| f.as_ref().map(|f| (term, f)))
+            .filter(|(term, f)| gain(f) >= self.settings.least_evidence && !self.plausible(f, *term))
+            .max_by(|a, b| gain(a.1).total_cmp(&gain(b.1)))
+            .map(|(term, f)| (Nameless::Unnamed(term), f.clone()));
+        wide.fits.extend(unnamed);
+        // Where a competitor explains much, candidates are sought beside it too.
+        let (kind, nameless) = wide.nameless();
+        let mut beside: Vec<Option<Fit>> = vec![None; fits.len()];
+        if let Some(with) = wide.with(kind).filter(|_| nameless > BARE_MENTION) {
+            let problem = self.views.problem(self.forward, kind);
+            beside = scan(&problem, with, &self.worth_a_fit(&problem, with), fit);
+        }
+        let list = self.short_list(&wide, &fits, &beside);
+        let kinds: Vec<Nameless> = wide.fits.iter().map(|(kind, _)| *kind).collect();
+        let with = (0..fits.len())
+            .into_par_iter()
+            .map(|term| {
+                let plain = fits[term].clone()?;
+                let mut known = Wide { fits: vec![(Nameless::Nothing, plain)] };
+                known.fits.extend(beside[term].clone().map(|f| (kind, f)));
+                let wide = list.contains(&term);
+                Some(if wide { widen(self.views, self.forward, known, &kinds, fit) } else { known })
+            })
+            .collect();
+        let tangents = tangents(&plain, current, &self.among);
+        let maxima = null_maxima(&tangents, self.settings.n_bootstrap, self.settings.seed ^ (index << 32));
+        Level { wide, with, tangents, maxima }
+    }
+
+    /// Candidates that may improve a fit, by their scores.
+    fn worth_a_fit(&self, problem: &Problem<'_>, current: &Fit) -> Vec<usize> {
+        let mut list: Vec<usize> = tangents(problem, current, &self.among)
+            .iter()
+            .filter(|tangent| tangent.score(&current.minimum.residuals) > WORTH_A_FIT)
+            .map(|tangent| tangent.term)
+            .collect();
+        list.dedup();
+        list
+    }
+
+    /// Best candidates without competitor and beside the best one.
+    fn short_list(&self, wide: &Wide, fits: &[Option<Fit>], beside: &[Option<Fit>]) -> Vec<usize> {
+        let mut list = Vec::new();
+        for found in [fits, beside] {
+            let mut order: Vec<(usize, f64)> =
+                found.iter().enumerate().filter_map(|(t, f)| Some((t, f.as_ref()?.evidence))).collect();
+            order.sort_by(|a, b| a.1.total_cmp(&b.1).then(a.0.cmp(&b.0)));
+            list.extend(order.into_iter().take(SHORT_LIST).map(|(t, _)| t));
+        }
+        list.retain(|t| {
+            fits[*t].as_ref().is_some_and(|f| wide.plain().evidence - f.evidence > 0.0) || beside[*t].is_some()
+        });
+        list.sort_unstable();
+        list.dedup();
+        list
+    }
+
+    /// The structure itself again from the base values that its best candidates found: the better optimum.
+    fn unbent(&self, current: &Fit, fits: &[Option<Fit>]) -> Fit {
+        let n_base = self.forward.base().len();
+        let mut order: Vec<&Fit> = fits.iter().flatten().collect();
+        order.sort_by(|a, b| a.evidence.total_cmp(&b.evidence));
+        order.truncate(CROSSED);
+        let tries: Vec<Option<Fit>> = order
+            .par_iter()
+            .map(|fit| {
+                let mut z = current.z.clone();
+                z[..n_base].copy_from_slice(&fit.z[..n_base]);
+                refit(&self.plain(), &current.structure, &z, current, &self.settings.fit)
+            })
+            .collect();
+        best(tries).filter(|fit| fit.deviance < current.deviance - RISE).unwrap_or_else(|| current.clone())
+    }
+
+    /// The best candidates refitted from the base values of one another: optima that a start missed.
+    fn crossed(&self, mut fits: Vec<Option<Fit>>) -> Vec<Option<Fit>> {
+        let n_base = self.forward.base().len();
+        let mut order: Vec<(usize, f64)> =
+            fits.iter().enumerate().filter_map(|(t, f)| Some((t, f.as_ref()?.evidence))).collect();
+        order.sort_by(|a, b| a.1.total_cmp(&b.1).then(a.0.cmp(&b.0)));
+        order.truncate(CROSSED);
+        let pairs: Vec<(usize, usize)> = (order.iter())
+            .flat_map(|(to, _)| order.iter().filter(move |(from, _)| from != to).map(move |(from, _)| (*to, *from)))
+            .collect();
+        let plain = self.plain();
+        let found: Vec<(usize, Option<Fit>)> = pairs
+            .par_iter()
+            .map(|(to, from)| {
+                let (to_fit, from_fit) = (fits[*to].as_ref(), fits[*from].as_ref());
+                let again = to_fit.zip(from_fit).and_then(|(to_fit, from_fit)| {
+                    let mut z = to_fit.z.clone();
+                    z[..n_base].copy_from_slice(&from_fit.z[..n_base]);
+                    refit(&plain, &to_fit.structure, &z, to_fit, &self.settings.fit)
+                });
+                (*to, again)
+            })
+            .collect();
+        for (to, again) in found {
+            let old = fits[to].take();
+            fits[to] = best([old, again]);
+        }
+        fits
+    }
+
+    /// Evidence that a name needs.
+    #[must_use]
+    pub fn threshold(&self, level: &Level) -> f64 {
+        self.settings.least_evidence.max(quantile(&level.maxima, 1.0 - self.settings.false_alarm))
+    }
+
+    /// Position of a term's first parameter in a fit that has it.
+    #[must_use]
+    pub fn offset(&self, fit: &Fit, term: usize) -> usize {
+        let candidates = self.forward.candidates();
+        let before = fit.structure.terms.iter().take_while(|t| **t != term);
+        self.forward.base().len() + before.map(|t| candidates[*t].parameters.len()).sum::<usize>()
+    }
+
+    /// Whether the strength of a term of a fit is inside its range and large enough for a name.
+    #[must_use]
+    pub fn plausible(&self, fit: &Fit, term: usize) -> bool {
+        let candidate = &self.forward.candidates()[term];
+        let strength = fit.values()[self.offset(fit, term)];
+        let parameter = &candidate.parameters[0];
+        let margin = 1e-3 * (parameter.upper - parameter.lower);
+        let inside = (strength - parameter.lower > margin || (parameter.lower - candidate.off).abs() < margin)
+            && (parameter.upper - strength > margin || (parameter.upper - candidate.off).abs() < margin);
+        (strength - candidate.off).abs() >= candidate.smallest && inside
+    }
+
+    /// Whether a candidate may be named where its fit is best.
+    fn nameable(&self, with: &Wide, term: usize) -> bool {
+        self.plausible(&with.best().1, term) && self.plausible(with.plain(), term)
+    }
+
+    /// Candidates by evidence under the best treatment of the rest, rarity included, best first.
+    #[must_use]
+    pub fn ranking(&self, level: &Level) -> Vec<(usize, f64)> {
+        let candidates = self.forward.candidates();
+        let mut list: Vec<(usize, f64)> = (0..level.with.len())
+            .filter_map(|term| Some((term, level.robust_gain(term)? + candidates[term].log_prior)))
+            .collect();
+        list.sort_by(|a, b| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0)));
+        list
+    }
+
+    /// Whether the evidence for an effect is enough.
+    ///
+    /// - `plain`: without competitor on either side
+    /// - `robust`: with the best on either side
+    /// - `nameless`: of the best competitor in the effect's place
+    #[must_use]
+    pub fn enough(&self, (plain, robust, nameless): (f64, f64, f64), threshold: f64) -> bool {
+        let wins = plain >= nameless && robust >= 0.0;
+        robust >= threshold || (plain >= threshold && (wins || robust >= BARE_MENTION))
+    }
+
+    /// The best candidate that may be named, if its evidence is enough.
+    #[must_use]
+    pub fn next(&self, level: &Level) -> Option<usize> {
+        let threshold = self.threshold(level);
+        (self.ranking(level).into_iter().map(|(term, _)| term))
+            .find(|term| level.with[*term].as_ref().is_some_and(|with| self.nameable(with, *term)))
+            .filter(|term| {
+                let nameless = level.wide.plain().evidence - level.wide.evidence();
+                let gains = level.gain(*term).zip(level.robust_gain(*term));
+                gains.is_some_and(|(plain, robust)| self.enough((plain, robust, nameless), threshold))
+            })
+    }
+}
