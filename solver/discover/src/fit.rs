@@ -7,6 +7,8 @@ use crate::problem::{Misfit, Problem, Structure, Weights};
 use cardiotwin_models::periodic::Orbit;
 use nalgebra::{DMatrix, DVector};
 
+/// Most times that the noise scales are profiled anew; a start with a large misfit needs some.
+const ROUNDS: usize = 12;
 /// Weights before anything is known of the misfit.
 const UNIT: Weights = Weights { pressure: 1.0, volume: 1.0 };
 
@@ -122,7 +124,7 @@ impl Problem<'_> {
             let next = self.weights(&misfit);
             let change = (next.pressure / weights.pressure).ln().abs().max((next.volume / weights.volume).ln().abs());
             round += 1;
-            if change < 0.03 || round == 4 {
+            if change < 0.03 || round == ROUNDS {
                 let deviance = self.deviance(&misfit);
                 let normal = minimum.jacobian.tr_mul(&minimum.jacobian);
                 let log_det =

@@ -10,7 +10,7 @@ use crate::least_squares::Settings;
 use crate::measured::Measured;
 use crate::noise::Tolerance;
 use crate::problem::{Data, N_BUMPS, Problem, Structure};
-use crate::search::{add_term, best};
+use crate::search::{UNBENT, add_term, best, is_bent};
 use rayon::prelude::*;
 
 /// A competitor.
@@ -126,11 +126,16 @@ pub fn fit_with(
     if let Nameless::Unnamed(term) = kind {
         return known.first().and_then(|fit| add_term(&problem, fit, term, settings));
     }
-    let tries: Vec<Option<Fit>> = known
+    let mut starts: Vec<(&Fit, bool)> = known.iter().map(|fit| (*fit, false)).collect();
+    starts.extend(known.first().filter(|fit| is_bent(&problem, fit)).map(|fit| (*fit, true)));
+    let tries: Vec<Option<Fit>> = starts
         .par_iter()
-        .map(|fit| {
-            let (structure, z) = start(fit, kind == Nameless::Activation);
-            problem.fit(&structure, &z, Some(fit), settings)
+        .map(|(fit, unbent)| {
+            let (structure, mut z) = start(fit, kind == Nameless::Activation);
+            if *unbent {
+                z.iter_mut().for_each(|z| *z *= UNBENT);
+            }
+            problem.fit(&structure, &z, (!unbent).then_some(*fit), settings)
         })
         .collect();
     best(tries)

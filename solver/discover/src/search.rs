@@ -12,7 +12,14 @@ pub const RISE: f64 = 0.2;
 /// Mean square of the white residuals from which on starts nearer to the prior are tried too.
 const BENT: f64 = 1.35;
 /// Share of the way from the prior's mean to the optimum without the term, where such a start is.
-const UNBENT: f64 = 0.4;
+pub const UNBENT: f64 = 0.4;
+
+/// Whether a fit is bent far to follow what it lacks: a bad start for what would unbend it.
+#[must_use]
+pub fn is_bent(problem: &Problem<'_>, fit: &Fit) -> bool {
+    let n = (problem.data.pressure.len() + problem.data.volume.len()) as f64;
+    fit.misfit.pressure + fit.misfit.volume > BENT * n
+}
 
 /// The fit of smallest deviance.
 pub fn best(fits: impl IntoIterator<Item = Option<Fit>>) -> Option<Fit> {
@@ -44,9 +51,7 @@ pub fn add_term(problem: &Problem<'_>, without: &Fit, term: usize, settings: &Se
     structure.terms.push(term);
     // The nameless bumps stay last.
     let end = without.z.len() - if structure.bumps { N_BUMPS } else { 0 };
-    // A base that is bent far to follow what it lacks is a bad start for what would unbend it.
-    let n = (problem.data.pressure.len() + problem.data.volume.len()) as f64;
-    let bent = without.misfit.pressure + without.misfit.volume > BENT * n;
+    let bent = is_bent(problem, without);
     let mut starts: Vec<(f64, &Vec<f64>)> = candidate.starts.iter().map(|values| (1.0, values)).collect();
     if bent {
         starts.extend(candidate.starts.iter().map(|values| (UNBENT, values)));
@@ -56,7 +61,8 @@ pub fn add_term(problem: &Problem<'_>, without: &Fit, term: usize, settings: &Se
         .map(|(share, values)| {
             let mut z: Vec<f64> = without.z.iter().map(|z| share * z).collect();
             z.splice(end..end, start_z(candidate, values));
-            problem.fit(&structure, &z, Some(without), settings)
+            // Neither are its noise scales, which are as large as its misfit.
+            problem.fit(&structure, &z, (*share == 1.0).then_some(without), settings)
         })
         .collect();
     let found = best(tries);
