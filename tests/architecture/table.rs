@@ -31,6 +31,11 @@ pub const CRATES: &[Rule] = &[
         may: &["units", "mesh", "models"],
         why: "a solver of the organ knows no task, queue or file of a patient",
     },
+    Rule {
+        who: "electrophysiology",
+        may: &["units", "mesh"],
+        why: "potentials need tissue and activation times, no contraction; the eikonal solver alone serves the mechanics",
+    },
     Rule { who: "calibrate", may: &["units"], why: "algorithms meet models by ask and tell or by closures" },
     Rule {
         who: "discover",
