@@ -86,7 +86,7 @@ fn main() {
             println!(
                 "| {name:20} | tets    | dofs    | endo z     | epi z      | cavity mm3 | steps | Newton | cut | s |"
             );
-            for (n, layers) in if fine { vec![(4, 2), (8, 3), (12, 4)] } else { vec![(4, 2), (6, 2)] } {
+            for (n, layers) in if fine { vec![(3, 3), (4, 2), (6, 3), (12, 4)] } else { vec![(3, 3), (4, 2)] } {
                 for (label, element) in elements() {
                     if !(element.quadratic && n > 8) {
                         row(label, &make(n, layers, kappa), element, |s| {

@@ -17,10 +17,14 @@
 
 pub mod body;
 pub mod boundary;
+pub mod dynamics;
 pub mod element;
 pub mod linear;
 pub mod material;
 pub mod newton;
 pub mod number;
+pub mod organ;
 pub mod parallel;
 pub mod statics;
+pub mod step;
+pub mod time_integration;

@@ -13,7 +13,7 @@ use cardiotwin_mechanics::parallel::{Layout, SingleProcess, Space};
 use cardiotwin_mechanics::statics::{LoadSteps, StaticProblem, load};
 use verification::meshes::cuboid;
 use verification::problems::{
-    APEX_ENDO, APEX_EPI, BEAM_TIP, Element, P1, P1_NODAL, P2_NODAL, SPHERE, beam, inflation, sphere,
+    APEX_ENDO, APEX_EPI, BEAM_TIP, Element, P1, P1_NODAL, P2_NODAL, SPHERE, beam, contraction, inflation, sphere,
 };
 
 /// Stretch of the inner surface at 0.212497356 kPa, of the incompressible sphere's closed form.
@@ -47,6 +47,14 @@ fn inflated_ventricle_of_land_2015_meets_the_consensus() {
     let (endo, epi) = (solution.position(APEX_ENDO)[2], solution.position(APEX_EPI)[2]);
     assert!((endo + 26.612).abs() < 0.05, "endocardial apex {endo}");
     assert!((epi + 28.279).abs() < 0.05, "epicardial apex {epi}");
+}
+
+#[test]
+fn contracting_ventricle_of_land_2015_meets_the_consensus() {
+    let solution = contraction(3, 3, 1000.0).solve(P2_NODAL);
+    let (endo, epi) = (solution.position(APEX_ENDO)[2], solution.position(APEX_EPI)[2]);
+    assert!((endo + 12.347).abs() < 0.25, "endocardial apex {endo}");
+    assert!((epi + 15.452).abs() < 0.25, "epicardial apex {epi}");
 }
 
 fn cube_body(nodes: &[[f64; 3]], tets: &[[u32; 4]]) -> Body {

@@ -232,6 +232,12 @@ impl Body {
         self.elements.point_weight(idx / self.elements.n_points(), idx % self.elements.n_points())
     }
 
+    /// Values of the vertices' linear shape functions at the integration point of entry `idx`.
+    #[must_use]
+    pub fn vertex_shape(&self, idx: usize) -> [f64; 4] {
+        self.elements.vertex_shape(idx % self.elements.n_points())
+    }
+
     /// Zero matrices of the body's patterns.
     #[must_use]
     pub fn new_tangent(&self) -> Tangent {
@@ -272,6 +278,35 @@ impl Body {
         if self.vertices.len() == self.layout.n_local {
             comm.update_ghosts(&self.layout, 1, &mut out.nodal_pressure);
             comm.update_ghosts(&self.layout, 1, &mut out.nodal_slope);
+        }
+    }
+
+    /// Lumped mass of each node \[mg\]; only owned nodes' are complete.
+    #[must_use]
+    pub fn masses(&self) -> Vec<f64> {
+        let mut mass = vec![0.0; self.n_nodes()];
+        self.elements.add_masses(&self.tissues, &mut mass);
+        mass
+    }
+
+    /// Strain energy \[µJ\] at `displacement`, active stress left out; of the elements held here. Slow: for balances, not for steps.
+    #[must_use]
+    pub fn strain_energy(&self, displacement: &[f64]) -> f64 {
+        let pass = self.pass(displacement, &[], &[]);
+        let mut volume = vec![0.0; self.vertices.len()];
+        self.elements.volumes(&pass, &mut self.points(), &mut volume);
+        let nodal_share = 1.0 - self.volume.pointwise();
+        let nodal: f64 = (self.vertices.iter().zip(volume))
+            .map(|((reference, kappa, law), volume)| nodal_share * kappa * reference * law.energy(volume / reference))
+            .sum();
+        self.elements.energy(&pass) + nodal
+    }
+
+    fn points(&self) -> Deformation {
+        Deformation {
+            volume_ratio: vec![[1.0; BATCH]; self.n_point_batches()],
+            squared_stretch: vec![[1.0; BATCH]; self.n_point_batches()],
+            ..Deformation::default()
         }
     }
 

@@ -8,6 +8,7 @@ use crate::element::kernel::{ActivePoint, Gathered, Scratch, VolumeChange, eleme
 use crate::element::{BATCH, Eight};
 use crate::linear::{NO_SLOT, Pattern, Tangent};
 use crate::material::Tissue;
+use crate::material::tensor::determinant;
 
 /// What an assembly reads beside the mesh.
 pub(super) struct Pass<'a> {
@@ -29,6 +30,9 @@ pub(super) trait Elements: Send + Sync {
     fn tangent(&self, pass: &Pass<'_>, force: &mut [f64], tangent: &mut Tangent);
     fn lanes(&self, batch: usize) -> (usize, &[u32; BATCH]);
     fn point_weight(&self, batch: usize, point: usize) -> &Eight;
+    fn vertex_shape(&self, point: usize) -> [f64; 4];
+    fn add_masses(&self, tissues: &[Tissue], mass: &mut [f64]);
+    fn energy(&self, pass: &Pass<'_>) -> f64;
 }
 
 pub(super) struct Field<const N: usize, const Q: usize> {
@@ -83,6 +87,16 @@ impl<const N: usize, const Q: usize> Field<N, Q> {
             }
         }
     }
+}
+
+/// Share of an element's mass at each node: equal for linear elements; for quadratic ones in proportion to the diagonal of
+/// the consistent mass, because row sums are negative at their vertices (Hinton, Rock and Zienkiewicz 1976).
+fn lumped_shares<const N: usize>() -> [f64; N] {
+    std::array::from_fn(|a| match (N, a) {
+        (4, _) => 0.25,
+        (_, 0..4) => 1.0 / 36.0,
+        _ => 4.0 / 27.0,
+    })
 }
 
 struct Volumes<'a, const N: usize, const Q: usize>(&'a Field<N, Q>, &'a Pass<'a>, &'a mut Deformation, &'a mut [f64]);
@@ -226,5 +240,45 @@ impl<const N: usize, const Q: usize> Elements for Field<N, Q> {
     }
     fn point_weight(&self, batch: usize, point: usize) -> &Eight {
         &self.batches[batch].points[point].weight
+    }
+    fn vertex_shape(&self, point: usize) -> [f64; 4] {
+        self.shape[point]
+    }
+    fn add_masses(&self, tissues: &[Tissue], mass: &mut [f64]) {
+        let share = lumped_shares::<N>();
+        for batch in &self.batches {
+            for lane in 0..batch.n {
+                let volume: f64 = batch.points.iter().map(|p| p.weight[lane]).sum();
+                for a in 0..N {
+                    mass[batch.nodes[a][lane] as usize] += tissues[batch.tissue].density * volume * share[a];
+                }
+            }
+        }
+    }
+    fn energy(&self, pass: &Pass<'_>) -> f64 {
+        let mut input = Gathered { x: [[[0.0; BATCH]; 3]; N], pressure: [[0.0; BATCH]; 4] };
+        let mut energy = 0.0;
+        for batch in &self.batches {
+            Self::gather(batch, pass, &mut input);
+            let tissue = &pass.tissues[batch.tissue];
+            for point in &batch.points {
+                for lane in 0..batch.n {
+                    let mut f = [[0.0; 3]; 3];
+                    for a in 0..N {
+                        for k in 0..3 {
+                            for i in 0..3 {
+                                f[i][k] += input.x[a][i][lane] * point.grad[a][k][lane];
+                            }
+                        }
+                    }
+                    let product = |m: usize, n: usize| (0..3).map(|i| f[i][m] * f[i][n]).sum::<f64>();
+                    let c = [product(0, 0), product(1, 1), product(2, 2), product(0, 1), product(0, 2), product(1, 2)];
+                    let j = determinant(&c).sqrt();
+                    let kappa = pass.volume.pointwise() * tissue.volumetric.kappa_kpa;
+                    energy += point.weight[lane] * (tissue.law.energy(&c, j) + kappa * tissue.volumetric.law.energy(j));
+                }
+            }
+        }
+        energy
     }
 }

@@ -249,3 +249,28 @@ fn an_inverted_element_shows_in_the_smallest_volume_ratio() {
     assert!(!(deformation.smallest.0 > 0.0));
     assert_eq!(EDGES.len(), 6);
 }
+
+#[test]
+fn forces_are_the_slope_of_the_strain_energy() {
+    for (name, body) in bodies(2) {
+        let u = wavy(&body, 0.01);
+        let d: Vec<f64> = (0..u.len()).map(|k| (1.3 * k as f64).cos()).collect();
+        let mut deformation = Deformation::default();
+        body.deform(&u, &SingleProcess, &mut deformation);
+        let mut f = vec![0.0; u.len()];
+        body.add_forces(&u, &[], &deformation, &mut f);
+        let at = |s: f64| body.strain_energy(&u.iter().zip(&d).map(|(u, d)| u + s * d).collect::<Vec<_>>());
+        let slope = (at(1e-5) - at(-1e-5)) / 2e-5;
+        let power: f64 = f.iter().zip(&d).map(|(f, d)| f * d).sum();
+        assert!((slope - power).abs() < 1e-6 * power.abs().max(1.0), "{name}: {slope} {power}");
+    }
+}
+
+#[test]
+fn lumped_masses_are_positive_and_sum_to_the_mass_of_the_cube() {
+    for (name, body) in bodies(2) {
+        let mass = body.masses();
+        assert!(mass.iter().all(|m| *m > 0.0), "{name}");
+        assert!((mass.iter().sum::<f64>() - 1.06).abs() < 1e-12, "{name}");
+    }
+}

@@ -117,8 +117,43 @@ impl PressureSurface {
         }
     }
 
+    /// The faces.
+    pub(crate) fn faces(&self) -> &Faces {
+        &self.faces
+    }
+
+    /// `∫ n da` \[mm²\] over the deformed surface.
+    pub(crate) fn resultant(&self, reference: &[f64], displacement: &[f64]) -> [f64; 3] {
+        let mut sum = [0.0; 3];
+        for nodes in self.faces.nodes.chunks(self.faces.n_nodes) {
+            let x = Faces::positions(nodes, reference, displacement);
+            for (weight, shape) in &self.faces.points {
+                let [e1, e2] = Faces::tangents(shape, &x);
+                let n = cross(&e1, &e2);
+                (0..3).for_each(|i| sum[i] += 0.5 * weight * n[i]);
+            }
+        }
+        sum
+    }
+
     /// Adds the derivative of [`Self::add_forces`] with respect to displacement \[mN/mm\].
     pub fn add_tangent(&self, pressure: f64, reference: &[f64], displacement: &[f64], tangent: &mut Tangent) {
+        self.add_tangent_part(pressure, reference, displacement, tangent, false);
+    }
+
+    /// As [`Self::add_tangent`], the symmetric part alone: the whole one for a closed surface.
+    pub fn add_symmetric_tangent(&self, pressure: f64, reference: &[f64], displacement: &[f64], tangent: &mut Tangent) {
+        self.add_tangent_part(pressure, reference, displacement, tangent, true);
+    }
+
+    fn add_tangent_part(
+        &self,
+        pressure: f64,
+        reference: &[f64],
+        displacement: &[f64],
+        tangent: &mut Tangent,
+        symmetric: bool,
+    ) {
         let n = self.faces.n_nodes;
         for (nodes, slots) in self.faces.nodes.chunks(n).zip(self.faces.slots.chunks(n * n)) {
             let x = Faces::positions(nodes, reference, displacement);
@@ -135,6 +170,15 @@ impl PressureSurface {
                         for (to, from) in block.iter_mut().zip(skew) {
                             *to += from;
                         }
+                    }
+                }
+            }
+            if symmetric {
+                let whole = blocks.clone();
+                for a in 0..n {
+                    for b in 0..n {
+                        let (own, other) = (&whole[a * n + b], &whole[b * n + a]);
+                        blocks[a * n + b] = std::array::from_fn(|k| 0.5 * (own[k] + other[3 * (k % 3) + k / 3]));
                     }
                 }
             }

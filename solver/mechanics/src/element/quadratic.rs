@@ -41,10 +41,16 @@ impl QuadraticMesh {
         Self { nodes, tets, n_vertices: vertices.len(), edges }
     }
 
+    /// The node between two vertices, `None` where they share no edge.
+    #[must_use]
+    pub fn middle(&self, a: u32, b: u32) -> Option<u32> {
+        self.edges.get(&(a.min(b), a.max(b))).copied()
+    }
+
     /// The six nodes of the triangle with these vertices, `None` where an edge is not in the mesh.
     #[must_use]
     pub fn triangle(&self, t: [u32; 3]) -> Option<[u32; 6]> {
-        let mid = |i: usize, j: usize| self.edges.get(&(t[i].min(t[j]), t[i].max(t[j]))).copied();
+        let mid = |i: usize, j: usize| self.middle(t[i], t[j]);
         Some([t[0], t[1], t[2], mid(0, 1)?, mid(1, 2)?, mid(2, 0)?])
     }
 }

@@ -25,6 +25,14 @@ impl Tangent {
         self.bulk.fill(0.0);
     }
 
+    /// Multiplies all of it by `k`.
+    pub fn scale(&mut self, k: f64) {
+        if k != 1.0 {
+            self.stiffness.blocks.as_flattened_mut().iter_mut().for_each(|b| *b *= k);
+            self.bulk.iter_mut().for_each(|d| *d *= k);
+        }
+    }
+
     /// `y = (K + G D Gᵀ) x` over owned rows; brings ghosts of `x` up to date first. Collective.
     pub fn multiply(&self, space: Space<'_>, x: &mut [f64], y: &mut [f64]) {
         space.update(x);

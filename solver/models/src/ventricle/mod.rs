@@ -141,6 +141,16 @@ pub enum VentricleError {
         /// Iterations made.
         iterations: usize,
     },
+    /// The wall's equation of motion has no solution for the step.
+    #[error("no step of {dt_ms} ms to t = {t_ms} ms: {reason}")]
+    NoMotion {
+        /// Time at the end of the step \[ms\].
+        t_ms: f64,
+        /// Step length \[ms\].
+        dt_ms: f64,
+        /// Why: Newton's method, an inverted element, a number that is not finite.
+        reason: String,
+    },
     /// A snapshot belongs to another ventricle.
     #[error("snapshot of {found} with {found_values} values does not fit {expected} with {expected_values}")]
     ForeignSnapshot {

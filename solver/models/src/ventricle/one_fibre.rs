@@ -63,6 +63,12 @@ impl GroupContraction {
 }
 
 impl GroupContraction {
+    /// Model, calcium and start state of one node: for a ventricle with nodes of its own.
+    #[must_use]
+    pub fn into_parts(self) -> (Box<dyn Contraction>, Option<Arc<dyn Calcium>>, Vec<f64>) {
+        (self.model, self.calcium, self.start_state)
+    }
+
     /// The model wrapped into another that keeps `own_start` further states after those of each node.
     #[must_use]
     pub fn wrapped(

@@ -1,0 +1,177 @@
+//! Step 0 and one beat of a generated ventricle, with its cost: `cargo run --release -p cardiotwin-mechanics --example
+//! organ-beat -- [nodes=2000] [element=linear|pointwise|quadratic] [linear=jacobi|sweep|direct] [tolerance=1e-4] [step=1]
+//! [end=659]`.
+
+use std::time::Instant;
+
+use cardiotwin_mechanics::newton::LinearSolver;
+use cardiotwin_mechanics::organ::passive_state::fit;
+use cardiotwin_mechanics::organ::{
+    Anatomy, ElementKind, FiniteElementVentricle, PassiveFit, PassiveState, UnloadingSettings, VentricleParts,
+    WallParameters,
+};
+use cardiotwin_mechanics::step::StepSettings;
+use cardiotwin_mesh::eikonal::{Conduction, ENDOCARDIAL_SPEED, Speeds, activation_ms};
+use cardiotwin_mesh::ellipsoid::{EllipsoidSpec, generate};
+use cardiotwin_mesh::fibres::{Angles, Longitudinal, fields, frames};
+use cardiotwin_mesh::order::Renumbering;
+use cardiotwin_mesh::tags;
+use cardiotwin_models::beat::{BeatOutcome, BeatSettings, run_beats};
+use cardiotwin_models::circulation::windkessel::WindkesselParameters;
+use cardiotwin_models::circulation::{LeftHeart, StartPressure};
+use cardiotwin_models::contraction::{Tanh, TanhParameters};
+use cardiotwin_models::ventricle::GroupContraction;
+use cardiotwin_units::{MMHG_PER_KPA, Ml, MlPerMmhg, Mmhg, MmhgSPerMl, Ms};
+
+fn argument<T: std::str::FromStr>(name: &str, default: T) -> T {
+    let found = std::env::args().find_map(|a| a.strip_prefix(name)?.strip_prefix('=')?.parse().ok());
+    found.unwrap_or(default)
+}
+
+fn main() -> Result<(), Box<dyn std::error::Error>> {
+    let kind = match argument("element", "linear".to_owned()).as_str() {
+        "quadratic" => ElementKind::QUADRATIC_NODAL,
+        "pointwise" => ElementKind::LINEAR_POINTWISE,
+        _ => ElementKind::LINEAR_NODAL,
+    };
+    let linear = match argument("linear", "jacobi".to_owned()).as_str() {
+        "direct" => LinearSolver::Direct,
+        "sweep" => LinearSolver::SymmetricSweep,
+        _ => LinearSolver::BlockJacobi,
+    };
+    let begun = Instant::now();
+    let (cavity, edv, p_image, edp) = (112.0, argument("edv", 122.0), 6.0, 12.0);
+    let made = generate(&EllipsoidSpec::new(Ml(cavity), Ml(140.0), argument("nodes", 2000)))?;
+    let mut mesh = Renumbering::reverse_cuthill_mckee(&made.mesh).apply(&made.mesh);
+    let muscle = [tags::LEFT_VENTRICLE];
+    let found = fields(&mesh, &muscle, Longitudinal::FromBase)?;
+    mesh.frames = frames(&mesh, &muscle, &found, &Angles::default());
+    let conduction = Conduction {
+        speeds: Speeds::default(),
+        endocardial_speed: Some(ENDOCARDIAL_SPEED),
+        tags: muscle.to_vec(),
+        sites: made.shape.fascicles().to_vec(),
+    };
+    let times = activation_ms(&mesh, &conduction)?;
+    let anatomy = Anatomy::of(&mesh, &muscle, kind)?;
+    println!(
+        "{} nodes, {} tets, {} degrees of freedom; mesh, fibres, activation {:.2} s",
+        mesh.n_nodes(),
+        mesh.n_tets(),
+        3 * anatomy.nodes.len(),
+        begun.elapsed().as_secs_f64()
+    );
+    let begun = Instant::now();
+    let target = PassiveFit::EndDiastole {
+        image_pressure_kpa: p_image / MMHG_PER_KPA,
+        end_diastolic_pressure_kpa: edp / MMHG_PER_KPA,
+        end_diastolic_volume_mm3: 1e3 * edv,
+    };
+    if std::env::args().any(|a| a == "probe") {
+        let settings = UnloadingSettings::default();
+        let wall = WallParameters::default();
+        let mut state = PassiveState::unloaded_image(&anatomy, &wall)?;
+        let mut shown = 0;
+        for p in [0.2, 0.4, 0.6, 0.8] {
+            let result = state.inflate(p, &settings);
+            println!(
+                "inflated to {p} kPa: {result:?}, {:.2} mL, {} Newton iterations, {:.2} s",
+                1e-3 * state.volume_mm3(),
+                state.newton_iterations - shown,
+                begun.elapsed().as_secs_f64()
+            );
+            shown = state.newton_iterations;
+        }
+        let result = state.unload(&anatomy, &wall, 0.8, &settings);
+        println!(
+            "unloaded: {result:?}, {:.2} mL, {} Newton iterations, {} passes, {:.2} s",
+            1e-3 * state.unloaded_volume_mm3(),
+            state.newton_iterations - shown,
+            state.passes,
+            begun.elapsed().as_secs_f64()
+        );
+        return Ok(());
+    }
+    let (end_diastole, wall) = fit(&anatomy, &WallParameters::default(), &target, &UnloadingSettings::default())?;
+    println!(
+        "step 0: C {:.4} kPa, unloaded {:.2} mL, end-diastole {:.2} mL; {} Newton iterations, {} passes, {:.1} s",
+        end_diastole.stiffness_kpa,
+        1e-3 * end_diastole.unloaded_volume_mm3(),
+        1e-3 * end_diastole.volume_mm3(),
+        end_diastole.newton_iterations,
+        end_diastole.passes,
+        begun.elapsed().as_secs_f64()
+    );
+    let begun = Instant::now();
+    let cycle_length = Ms(argument("end", 659.0));
+    let heart = LeftHeart {
+        left_atrial_pressure: Mmhg(9.0),
+        mitral_forward: LeftHeart::FORWARD,
+        mitral_backward: LeftHeart::BACKWARD,
+        aortic_forward: LeftHeart::FORWARD,
+        aortic_backward: LeftHeart::BACKWARD,
+        windkessel: WindkesselParameters {
+            characteristic_resistance: MmhgSPerMl(0.05),
+            peripheral_resistance: MmhgSPerMl(0.9),
+            compliance: MlPerMmhg(1.6),
+        },
+        start: StartPressure::DiastolicCuff(Mmhg(70.0)),
+        cycle_length,
+    };
+    let tanh = TanhParameters { smax_ref_kpa: argument("smax", 100.0), t_cr_ms: 400.0, ..TanhParameters::default() };
+    let mut circulation = heart.build()?;
+    let mut ventricle = FiniteElementVentricle::new(VentricleParts {
+        anatomy: &anatomy,
+        wall: &wall,
+        end_diastole,
+        contraction: GroupContraction::tanh(Tanh::new(tanh)?),
+        activation_ms: &times,
+        cycle_length,
+        pressure_terms: vec![],
+        settings: StepSettings {
+            linear,
+            relative_tolerance: argument("tolerance", 1e-4),
+            volume_tolerance_mm3: argument("volume", 1e-2),
+            ..StepSettings::default()
+        },
+    })?;
+    let settings = BeatSettings { step: Ms(argument("step", 1.0)), ..BeatSettings::one_beat(cycle_length) };
+    let outcome = run_beats(&mut ventricle, &mut circulation, &settings);
+    let seconds = begun.elapsed().as_secs_f64();
+    let traces = match &outcome {
+        BeatOutcome::Finished(result) => {
+            for check in &result.checks {
+                println!("{}: {} ({})", check.name, if check.passed { "yes" } else { "NO" }, check.value);
+            }
+            println!("{} steps, {} cut", result.work.n_steps, result.work.n_cut);
+            &result.traces
+        }
+        BeatOutcome::Diverged { t, reason, traces, .. } => {
+            println!("diverged at {t}: {reason}");
+            traces
+        }
+    };
+    let work = ventricle.work();
+    println!(
+        "beat: {seconds:.1} s; Newton {:.3} a step, Krylov {:.1} a Newton iteration, {} factorisations",
+        work.newton_iterations as f64 / work.steps as f64,
+        work.krylov_iterations as f64 / work.newton_iterations.max(1) as f64,
+        work.factorisations
+    );
+    let (p, v) = (&traces.pressure_mmhg, &traces.volume_ml);
+    let range = |x: &[f64]| x.iter().fold((f64::MAX, f64::MIN), |(l, h), x| (l.min(*x), h.max(*x)));
+    let slopes: Vec<f64> = p.windows(3).map(|w| 1e3 * (w[2] - w[0]) / (2.0 * settings.step.0)).collect();
+    let (slowest, steepest) = range(&slopes);
+    println!(
+        "P {:.3?} mmHg, dP/dt {slowest:.1} to {steepest:.1} mmHg/s, V {:.4?} mL, SV {:.4} mL",
+        range(p),
+        range(v),
+        range(v).1 - range(v).0
+    );
+    if std::env::args().any(|a| a == "trace") {
+        for (k, t) in traces.time_ms.iter().enumerate().step_by(20) {
+            println!("{t:6.0} ms  {:8.3} mmHg  {:8.3} mL", p[k], v[k]);
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,180 @@
+//! The cavity: its volume with flat caps over the openings, and the load of its pressure on wall and valve plane.
+
+use super::SurfaceError;
+use super::pressure::{Faces, PressureSurface, cross};
+use crate::linear::{Pattern, Tangent};
+
+/// What holds the pressure that acts on the caps.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ValvePlane {
+    /// Nothing: pressure acts on the endocardium alone, as in the benchmarks.
+    Open,
+    /// The rim, evenly over its reference area: closed valves pull at the ring that they hang on. The load of the cavity
+    /// then has no resultant, so that nothing has to hold the heart against it.
+    HangsOnRim,
+}
+
+/// An endocardium with openings, each closed by a fan around the mean of its nodes.
+#[derive(Debug, Clone)]
+pub struct Cavity {
+    wall: PressureSurface,
+    /// Loops of nodes around the openings, in the direction of the surface's edges.
+    openings: Vec<Vec<u32>>,
+    /// Share of the caps' load that each node of the rim carries.
+    rim: Vec<(u32, f64)>,
+}
+
+impl Cavity {
+    /// A cavity inside `endocardium`, triangles of three or six nodes with normals out of the tissue.
+    ///
+    /// - `openings`: closed loops of nodes, in the direction of the triangles' edges; mid-edge nodes included
+    /// - `rim`: triangles that the caps' load is spread over; empty for [`ValvePlane::Open`]
+    ///
+    /// # Errors
+    /// [`SurfaceError`] for triangles with another number of nodes, or such that are not of the body.
+    pub fn new<const N: usize>(
+        endocardium: &[[u32; N]],
+        openings: Vec<Vec<u32>>,
+        rim: &[[u32; N]],
+        reference: &[f64],
+        pattern: &Pattern,
+    ) -> Result<Self, SurfaceError> {
+        let faces = Faces::new(rim, pattern)?;
+        let mut shares = std::collections::BTreeMap::<u32, f64>::new();
+        let mut area = 0.0;
+        for nodes in faces.nodes.chunks(N) {
+            let x = Faces::positions(nodes, reference, &[]);
+            for (weight, shape) in &faces.points {
+                let [e1, e2] = Faces::tangents(shape, &x);
+                let da = 0.5 * weight * cross(&e1, &e2).iter().map(|n| n * n).sum::<f64>().sqrt();
+                area += da;
+                for (node, (value, _)) in nodes.iter().zip(shape) {
+                    *shares.entry(*node).or_default() += value * da;
+                }
+            }
+        }
+        let rim = shares.into_iter().map(|(node, share)| (node, share / area)).collect();
+        Ok(Self { wall: PressureSurface::new(endocardium, pattern)?, openings, rim })
+    }
+
+    /// Volume \[mm³\] at `displacement`.
+    #[must_use]
+    pub fn volume(&self, reference: &[f64], displacement: &[f64]) -> f64 {
+        let at = |n: u32| position(reference, displacement, n);
+        let origin = self.origin(reference, displacement);
+        let mut volume = self.wall.volume(origin, reference, displacement);
+        for nodes in self.openings.iter().skip(1) {
+            let centre = mean(nodes, &at);
+            for (a, b) in loop_edges(nodes) {
+                // Against the rim's direction, so that cap and endocardium are oriented alike.
+                let (p, q, r) = (minus(at(b), origin), minus(at(a), origin), minus(centre, origin));
+                volume -= dot(p, cross(&q, &r)) / 6.0;
+            }
+        }
+        volume
+    }
+
+    /// Adds `scale` times the volume's gradient \[mm²\].
+    pub fn add_volume_gradient(&self, scale: f64, reference: &[f64], displacement: &[f64], out: &mut [f64]) {
+        let origin = self.origin(reference, displacement);
+        let mut of_origin = [0.0; 3];
+        let mut add = |node: u32, g: [f64; 3]| {
+            for i in 0..3 {
+                out[3 * node as usize + i] += scale * g[i];
+            }
+        };
+        let faces = self.wall.faces();
+        for nodes in faces.nodes.chunks(faces.n_nodes) {
+            let x = Faces::positions(nodes, reference, displacement);
+            for (weight, shape) in &faces.points {
+                let [e1, e2] = Faces::tangents(shape, &x);
+                let n = cross(&e1, &e2);
+                let r: [f64; 3] =
+                    std::array::from_fn(|i| shape.iter().zip(&x).map(|(s, x)| s.0 * x[i]).sum::<f64>() - origin[i]);
+                let (g1, g2) = (cross(&e2, &r), cross(&r, &e1));
+                let k = -weight / 6.0;
+                for (&node, (value, slope)) in nodes.iter().zip(shape) {
+                    add(node, std::array::from_fn(|i| k * (value * n[i] + slope[0] * g1[i] + slope[1] * g2[i])));
+                }
+                (0..3).for_each(|i| of_origin[i] -= k * n[i]);
+            }
+        }
+        let at = |n: u32| position(reference, displacement, n);
+        for nodes in self.openings.iter().skip(1) {
+            let centre = mean(nodes, &at);
+            let mut of_centre = [0.0; 3];
+            for (a, b) in loop_edges(nodes) {
+                let (p, q, r) = (minus(at(b), origin), minus(at(a), origin), minus(centre, origin));
+                let g = [cross(&q, &r), cross(&r, &p), cross(&p, &q)].map(|g| g.map(|g| -g / 6.0));
+                add(b, g[0]);
+                add(a, g[1]);
+                for i in 0..3 {
+                    of_centre[i] += g[2][i];
+                    of_origin[i] -= g[0][i] + g[1][i] + g[2][i];
+                }
+            }
+            for &node in nodes {
+                add(node, of_centre.map(|g| g / nodes.len() as f64));
+            }
+        }
+        if let Some(nodes) = self.openings.first() {
+            for &node in nodes {
+                add(node, of_origin.map(|g| g / nodes.len() as f64));
+            }
+        }
+    }
+
+    /// Adds minus the force \[mN\] of `pressure` \[kPa\] on the wall, and on the rim where the caps hang on one.
+    pub fn add_forces(&self, pressure: f64, reference: &[f64], displacement: &[f64], force: &mut [f64]) {
+        self.wall.add_forces(pressure, reference, displacement, force);
+        if self.rim.is_empty() {
+            return;
+        }
+        let resultant = self.wall.resultant(reference, displacement);
+        for (node, share) in &self.rim {
+            for i in 0..3 {
+                force[3 * *node as usize + i] -= pressure * share * resultant[i];
+            }
+        }
+    }
+
+    /// Adds the derivative of [`Self::add_forces`] \[mN/mm\]: its symmetric part on the wall. What is left out, the change of
+    /// the caps' area and an unsymmetric part at the edge of the opening, is of the order of the load on the rim alone.
+    pub fn add_tangent(&self, pressure: f64, reference: &[f64], displacement: &[f64], tangent: &mut Tangent) {
+        self.wall.add_symmetric_tangent(pressure, reference, displacement, tangent);
+    }
+
+    /// The mean of the first opening's nodes; the origin for a closed surface.
+    fn origin(&self, reference: &[f64], displacement: &[f64]) -> [f64; 3] {
+        self.openings.first().map_or([0.0; 3], |nodes| mean(nodes, &|n| position(reference, displacement, n)))
+    }
+}
+
+fn loop_edges(nodes: &[u32]) -> impl Iterator<Item = (u32, u32)> {
+    nodes.iter().zip(nodes.iter().cycle().skip(1)).map(|(a, b)| (*a, *b))
+}
+
+fn position(reference: &[f64], displacement: &[f64], node: u32) -> [f64; 3] {
+    let k = 3 * node as usize;
+    std::array::from_fn(|i| reference[k + i] + displacement[k + i])
+}
+
+fn mean(nodes: &[u32], at: &dyn Fn(u32) -> [f64; 3]) -> [f64; 3] {
+    let mut sum = [0.0; 3];
+    for n in nodes {
+        let x = at(*n);
+        (0..3).for_each(|i| sum[i] += x[i] / nodes.len() as f64);
+    }
+    sum
+}
+
+fn minus(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
+    std::array::from_fn(|i| a[i] - b[i])
+}
+
+fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+#[cfg(test)]
+mod tests;

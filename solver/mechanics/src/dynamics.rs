@@ -1,0 +1,279 @@
+//! The equation of motion of a body with inertia, damping, supports and a cavity.
+//!
+//! `M a + G(u, v) = 0`, `G = α_M M v + f(u + τ v) + Σ (k R (u − u₀) + c R v) + p q(u)`, with `M` lumped, `f` the internal
+//! forces, `R` the matrices of springs and dashpots and `q` the load of unit pressure. Evaluating `f` at `u + τ v` is
+//! Rayleigh's damping proportional to stiffness, `τ K(u) v` to first order in `τ`, with the tangent of the present state: it
+//! does not resist rotation, needs no second matrix, and has the exact tangent `(1 + τ ∂v/∂u) K`.
+
+use crate::body::{Body, Deformation};
+use crate::boundary::{Cavity, Robin};
+use crate::element::kernel::ActivePoint;
+use crate::linear::{NO_SLOT, Tangent};
+use crate::newton::Smallest;
+use crate::parallel::{Communicator, Space};
+use crate::time_integration::{GeneralisedAlpha, Motion};
+
+/// Rayleigh's damping.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Rayleigh {
+    /// Proportional to mass, α_M \[1/ms\].
+    pub mass_per_ms: f64,
+    /// Proportional to stiffness, τ \[ms\].
+    pub stiffness_ms: f64,
+}
+
+impl Rayleigh {
+    /// None.
+    pub const NONE: Self = Self { mass_per_ms: 0.0, stiffness_ms: 0.0 };
+}
+
+/// Springs and dashpots on a surface.
+#[derive(Debug, Clone)]
+pub struct Support {
+    /// Where and in which direction.
+    pub robin: Robin,
+    /// Stiffness \[kPa/mm\].
+    pub spring: f64,
+    /// Damping \[kPa·ms/mm\].
+    pub dashpot: f64,
+    /// Displacement at which the springs are at rest \[mm\], three a node; empty for zero.
+    pub rest: Vec<f64>,
+}
+
+/// What moves: everything that stays the same from step to step.
+#[derive(Debug)]
+pub struct Dynamics {
+    /// The body.
+    pub body: Body,
+    /// Global operations.
+    pub comm: Box<dyn Communicator>,
+    /// Time integration.
+    pub scheme: GeneralisedAlpha,
+    /// Damping.
+    pub damping: Rayleigh,
+    /// Springs and dashpots.
+    pub supports: Vec<Support>,
+    /// The cavity, where there is one.
+    pub cavity: Option<Cavity>,
+    /// Components that are held at zero, one entry a node; empty for none.
+    pub fixed: Vec<[bool; 3]>,
+    mass: Vec<f64>,
+}
+
+/// A state of motion with its forces: what the next step starts from.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct State {
+    /// Displacement, velocity, acceleration.
+    pub motion: Motion,
+    /// `G` at this state \[mN\].
+    pub force: Vec<f64>,
+    /// Cavity pressure \[kPa\].
+    pub pressure_kpa: f64,
+}
+
+/// A candidate for the end of a step.
+#[derive(Debug, Clone, Default)]
+pub struct Candidate {
+    /// Its motion.
+    pub motion: Motion,
+    /// Where internal forces are taken, `u + τ v`.
+    pub shifted: Vec<f64>,
+    /// Deformation there.
+    pub deformation: Deformation,
+    /// Active stress there, one a point batch; empty for none.
+    pub active: Vec<ActivePoint>,
+    /// Cavity pressure \[kPa\].
+    pub pressure_kpa: f64,
+}
+
+impl Dynamics {
+    /// A body free of damping, supports and cavity; fill in what there is.
+    #[must_use]
+    pub fn new(body: Body, comm: Box<dyn Communicator>, scheme: GeneralisedAlpha) -> Self {
+        let mut mass = body.masses();
+        comm.update_ghosts(body.layout(), 1, &mut mass);
+        let (supports, fixed) = (vec![], vec![]);
+        Self { body, comm, scheme, damping: Rayleigh::NONE, supports, cavity: None, fixed, mass }
+    }
+
+    /// Vectors of the body.
+    #[must_use]
+    pub fn space(&self) -> Space<'_> {
+        Space { comm: self.comm.as_ref(), layout: self.body.layout() }
+    }
+
+    /// Lumped mass of each node \[mg\].
+    #[must_use]
+    pub fn masses(&self) -> &[f64] {
+        &self.mass
+    }
+
+    /// Cavity volume \[mm³\]; zero without a cavity.
+    #[must_use]
+    pub fn cavity_volume(&self, u: &[f64]) -> f64 {
+        self.cavity.as_ref().map_or(0.0, |c| c.volume(self.body.reference(), u))
+    }
+
+    /// Completes a candidate from its displacement: velocity, acceleration, deformation. Collective.
+    pub fn complete(&self, dt_ms: f64, now: &State, candidate: &mut Candidate) -> Smallest {
+        self.space().update(&mut candidate.motion.u);
+        self.scheme.advance(dt_ms, &now.motion, &mut candidate.motion);
+        self.deform(candidate)
+    }
+
+    fn deform(&self, candidate: &mut Candidate) -> Smallest {
+        let tau = self.damping.stiffness_ms;
+        let Motion { u, v, .. } = &candidate.motion;
+        candidate.shifted.clear();
+        candidate.shifted.extend(u.iter().zip(v).map(|(u, v)| u + tau * v));
+        self.body.deform(&candidate.shifted, self.comm.as_ref(), &mut candidate.deformation);
+        let (ratio, element) = candidate.deformation.smallest;
+        // The smallest over ranks; NaN counts as inverted everywhere.
+        let mut negative = [if ratio.is_nan() { f64::INFINITY } else { -ratio }];
+        self.comm.max(&mut negative);
+        Smallest { volume_ratio: -negative[0], element }
+    }
+
+    /// `G` without internal forces and pressure, added to `force`.
+    fn add_linear_forces(&self, motion: &Motion, force: &mut [f64]) {
+        let k = self.damping.mass_per_ms;
+        if k != 0.0 {
+            for (node, mass) in self.mass.iter().enumerate() {
+                (3 * node..3 * node + 3).for_each(|i| force[i] += k * mass * motion.v[i]);
+            }
+        }
+        for support in &self.supports {
+            if support.rest.is_empty() {
+                support.robin.add_forces(support.spring, &motion.u, force);
+            } else {
+                let u: Vec<f64> = motion.u.iter().zip(&support.rest).map(|(u, r)| u - r).collect();
+                support.robin.add_forces(support.spring, &u, force);
+            }
+            if support.dashpot != 0.0 {
+                support.robin.add_forces(support.dashpot, &motion.v, force);
+            }
+        }
+    }
+
+    /// `q`, the derivative of `G` with respect to the pressure, overwriting `out` \[mN/kPa\].
+    pub fn pressure_column(&self, candidate: &Candidate, out: &mut Vec<f64>) {
+        out.clear();
+        out.resize(candidate.motion.u.len(), 0.0);
+        if let Some(cavity) = &self.cavity {
+            cavity.add_forces(1.0, self.body.reference(), &candidate.motion.u, out);
+        }
+        self.hold(out);
+    }
+
+    /// The cavity volume's gradient, overwriting `out` \[mm²\].
+    pub fn volume_row(&self, candidate: &Candidate, out: &mut Vec<f64>) {
+        out.clear();
+        out.resize(candidate.motion.u.len(), 0.0);
+        if let Some(cavity) = &self.cavity {
+            cavity.add_volume_gradient(1.0, self.body.reference(), &candidate.motion.u, out);
+        }
+        self.hold(out);
+    }
+
+    /// Zeroes the held components.
+    fn hold(&self, r: &mut [f64]) {
+        for (r, fixed) in r.as_chunks_mut::<3>().0.iter_mut().zip(&self.fixed) {
+            for i in 0..3 {
+                if fixed[i] {
+                    r[i] = 0.0;
+                }
+            }
+        }
+    }
+
+    /// Turns `G` at the candidate into the residual of the step.
+    fn weigh(&self, now: &State, candidate: &Candidate, force: &[f64], r: &mut [f64]) {
+        let GeneralisedAlpha { alpha_m, alpha_f, .. } = self.scheme;
+        for (node, mass) in self.mass.iter().enumerate() {
+            for i in 3 * node..3 * node + 3 {
+                let a = (1.0 - alpha_m) * candidate.motion.a[i] + alpha_m * now.motion.a[i];
+                r[i] = mass * a + (1.0 - alpha_f) * force[i] + alpha_f * now.force[i];
+            }
+        }
+        self.hold(r);
+    }
+
+    /// `G` at a complete candidate, overwriting `force`.
+    pub fn forces(&self, candidate: &Candidate, force: &mut [f64]) {
+        force.fill(0.0);
+        self.body.add_forces(&candidate.shifted, &candidate.active, &candidate.deformation, force);
+        self.add_linear_forces(&candidate.motion, force);
+        if let Some(cavity) = &self.cavity {
+            cavity.add_forces(candidate.pressure_kpa, self.body.reference(), &candidate.motion.u, force);
+        }
+    }
+
+    /// The step's residual at a complete candidate \[mN\]; `force` becomes `G`.
+    pub fn residual(&self, now: &State, candidate: &Candidate, force: &mut [f64], r: &mut [f64]) {
+        self.forces(candidate, force);
+        self.weigh(now, candidate, force, r);
+    }
+
+    /// As [`Self::residual`], with the derivative with respect to the candidate's displacement.
+    pub fn linearise(
+        &self,
+        dt_ms: f64,
+        now: &State,
+        candidate: &Candidate,
+        force: &mut [f64],
+        r: &mut [f64],
+        tangent: &mut Tangent,
+    ) {
+        force.fill(0.0);
+        self.body.tangent(&candidate.shifted, &candidate.active, &candidate.deformation, force, tangent);
+        let velocity_rate = self.scheme.velocity_rate(dt_ms);
+        let alpha_f = self.scheme.alpha_f;
+        tangent.scale((1.0 - alpha_f) * (1.0 + self.damping.stiffness_ms * velocity_rate));
+        self.add_linear_forces(&candidate.motion, force);
+        for support in &self.supports {
+            let k = support.spring + support.dashpot * velocity_rate;
+            support.robin.add_tangent((1.0 - alpha_f) * k, tangent);
+        }
+        if let Some(cavity) = &self.cavity {
+            let (p, reference) = (candidate.pressure_kpa, self.body.reference());
+            cavity.add_forces(p, reference, &candidate.motion.u, force);
+            cavity.add_tangent((1.0 - alpha_f) * p, reference, &candidate.motion.u, tangent);
+        }
+        let inertia = (1.0 - self.scheme.alpha_m) * self.scheme.acceleration_rate(dt_ms)
+            + (1.0 - alpha_f) * self.damping.mass_per_ms * velocity_rate;
+        for row in 0..tangent.stiffness.pattern.n_rows() {
+            let slot = tangent.stiffness.pattern.slot(row as u32, row as u32);
+            if slot != NO_SLOT {
+                for i in [0, 4, 8] {
+                    tangent.stiffness.blocks[slot as usize][i] += inertia * self.mass[row];
+                }
+            }
+        }
+        self.weigh(now, candidate, force, r);
+        if !self.fixed.is_empty() {
+            let mean = tangent.mean_diagonal(self.space());
+            tangent.constrain(&self.fixed, mean);
+        }
+    }
+
+    /// A state at rest at displacement `u` under a pressure, whose acceleration balances what is not in equilibrium.
+    ///
+    /// # Errors
+    /// The smallest volume ratio, where an element is inverted.
+    pub fn start(&self, u: Vec<f64>, active: Vec<ActivePoint>, pressure_kpa: f64) -> Result<State, Smallest> {
+        let mut candidate = Candidate { motion: Motion::at_rest(u), active, pressure_kpa, ..Candidate::default() };
+        let smallest = self.deform(&mut candidate);
+        if !(smallest.volume_ratio > 0.0) {
+            return Err(smallest);
+        }
+        let mut force = vec![0.0; candidate.motion.u.len()];
+        self.forces(&candidate, &mut force);
+        let mut motion = candidate.motion;
+        for (node, mass) in self.mass.iter().enumerate() {
+            (3 * node..3 * node + 3).for_each(|i| motion.a[i] = -force[i] / mass);
+        }
+        self.hold(&mut motion.a);
+        self.space().update(&mut motion.a);
+        Ok(State { motion, force, pressure_kpa })
+    }
+}

@@ -1,0 +1,218 @@
+//! From a mesh of linear tetrahedra to what a body is made of: nodes, elements, fibre frames, surfaces.
+
+use cardiotwin_mesh::surface::{SurfaceDefect, openings};
+use cardiotwin_mesh::tet_mesh::{TetMesh, surface_names};
+
+use crate::element::batch::Frame;
+use crate::element::kernel::VolumeChange;
+use crate::element::quadratic::QuadraticMesh;
+
+/// Which elements a ventricle is made of.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ElementKind {
+    /// Quadratic tetrahedra with straight sides on the mesh's elements; linear ones otherwise.
+    pub quadratic: bool,
+    /// How the change of volume is resisted.
+    pub volume: VolumeChange,
+}
+
+impl ElementKind {
+    /// Linear tetrahedra with nodal volume change, a twentieth of it pointwise.
+    pub const LINEAR_NODAL: Self = Self { quadratic: false, volume: VolumeChange::Nodal { pointwise_share: 0.05 } };
+    /// Linear tetrahedra with a plain penalty: the paper's P1/P0, which locks.
+    pub const LINEAR_POINTWISE: Self = Self { quadratic: false, volume: VolumeChange::Pointwise };
+    /// Quadratic tetrahedra with nodal volume change: Taylor–Hood with a lumped pressure.
+    pub const QUADRATIC_NODAL: Self = Self { quadratic: true, volume: VolumeChange::Nodal { pointwise_share: 0.0 } };
+}
+
+/// Triangles of a surface with three or six nodes.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Triangles {
+    /// Three nodes each.
+    Linear(Vec<[u32; 3]>),
+    /// Six nodes each.
+    Quadratic(Vec<[u32; 6]>),
+}
+
+/// Elements with four or ten nodes.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Tets {
+    /// Four nodes each.
+    Linear(Vec<[u32; 4]>),
+    /// Ten nodes each.
+    Quadratic(Vec<[u32; 10]>),
+}
+
+/// Why a mesh is no anatomy.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum AnatomyError {
+    /// A surface is missing.
+    #[error("the mesh has no surface {name:?}; find or give surfaces first")]
+    NoSurface {
+        /// Which.
+        name: &'static str,
+    },
+    /// The endocardium is no surface with one or more openings.
+    #[error("endocardium")]
+    Endocardium(#[from] SurfaceDefect),
+    /// The endocardium is closed.
+    #[error("the endocardium has no opening, expected one for each valve or one for all")]
+    Closed,
+    /// A contracting element without a fibre.
+    #[error("element {element} contracts, but has no fibre; make fibres first")]
+    NoFibre {
+        /// Which.
+        element: usize,
+    },
+    /// No element contracts.
+    #[error("no element has one of the contracting tags {tags:?}")]
+    NoMuscle {
+        /// The tags.
+        tags: Vec<i32>,
+    },
+}
+
+/// A left ventricle as it was imaged.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Anatomy {
+    /// Node positions \[mm\], vertices first.
+    pub nodes: Vec<[f64; 3]>,
+    /// Number of vertices.
+    pub n_vertices: usize,
+    /// Elements.
+    pub tets: Tets,
+    /// Their vertices.
+    pub corners: Vec<[u32; 4]>,
+    /// How the change of volume is resisted.
+    pub volume: VolumeChange,
+    /// Whether an element contracts.
+    pub contracts: Vec<bool>,
+    /// Fibre frame of each element in the imaged configuration; any axes in passive tissue.
+    pub frames: Vec<Frame>,
+    /// Endocardium.
+    pub endocardium: Triangles,
+    /// Epicardium.
+    pub epicardium: Triangles,
+    /// Septum, where it is told apart.
+    pub septum: Option<Triangles>,
+    /// Rim at the base.
+    pub rim: Triangles,
+    /// Loops of nodes around the endocardium's openings.
+    pub openings: Vec<Vec<u32>>,
+}
+
+impl Anatomy {
+    /// Takes a mesh over; elements with one of the `contracting` tags contract.
+    ///
+    /// # Errors
+    /// [`AnatomyError`] where surfaces, openings or fibres are missing.
+    pub fn of(mesh: &TetMesh, contracting: &[i32], kind: ElementKind) -> Result<Self, AnatomyError> {
+        let contracts: Vec<bool> = mesh.tags.iter().map(|tag| contracting.contains(tag)).collect();
+        if !contracts.contains(&true) {
+            return Err(AnatomyError::NoMuscle { tags: contracting.to_vec() });
+        }
+        let mut frames = vec![[[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]; mesh.n_tets()];
+        for e in (0..mesh.n_tets()).filter(|e| contracts[*e]) {
+            let frame = mesh.frames.get(e).and_then(|f| orthonormal(f.fibre, f.sheet));
+            frames[e] = frame.ok_or(AnatomyError::NoFibre { element: e })?;
+        }
+        let triangles = |name: &'static str| {
+            mesh.surface(name).map(|s| s.triangles.clone()).ok_or(AnatomyError::NoSurface { name })
+        };
+        let endocardium = triangles(surface_names::ENDOCARDIUM)?;
+        let mut openings = openings(&endocardium)?;
+        if openings.is_empty() {
+            return Err(AnatomyError::Closed);
+        }
+        let quadratic = kind.quadratic.then(|| QuadraticMesh::new(&mesh.nodes_mm, &mesh.tets, |_, _| None));
+        let surface = |triangles: Vec<[u32; 3]>| match &quadratic {
+            None => Triangles::Linear(triangles),
+            // Triangles of the mesh: their edges have middles.
+            Some(q) => Triangles::Quadratic(triangles.into_iter().filter_map(|t| q.triangle(t)).collect()),
+        };
+        if let Some(q) = &quadratic {
+            for nodes in &mut openings {
+                let next = nodes.iter().skip(1).chain(nodes.first()).copied();
+                *nodes = nodes.iter().zip(next).flat_map(|(a, b)| [Some(*a), q.middle(*a, b)]).flatten().collect();
+            }
+        }
+        let septum = mesh.surface(surface_names::SEPTUM).map(|s| surface(s.triangles.clone()));
+        let (epicardium, rim) =
+            (surface(triangles(surface_names::EPICARDIUM)?), surface(triangles(surface_names::RIM)?));
+        let endocardium = surface(endocardium);
+        let (nodes, tets) = match quadratic {
+            None => (mesh.nodes_mm.clone(), Tets::Linear(mesh.tets.clone())),
+            Some(q) => (q.nodes, Tets::Quadratic(q.tets)),
+        };
+        let (n_vertices, corners, volume) = (mesh.n_nodes(), mesh.tets.clone(), kind.volume);
+        Ok(Self {
+            nodes,
+            n_vertices,
+            tets,
+            corners,
+            volume,
+            contracts,
+            frames,
+            endocardium,
+            epicardium,
+            septum,
+            rim,
+            openings,
+        })
+    }
+
+    /// Frames of the elements where nodes lie at `positions`: fibres and sheets move with the tissue.
+    #[must_use]
+    pub fn frames_at(&self, positions: &[[f64; 3]]) -> Vec<Frame> {
+        self.corners
+            .iter()
+            .zip(&self.frames)
+            .map(|(corners, frame)| {
+                let edges = |x: &[[f64; 3]]| -> [[f64; 3]; 3] {
+                    std::array::from_fn(|k| {
+                        let (a, b) = (x[corners[0] as usize], x[corners[k + 1] as usize]);
+                        std::array::from_fn(|i| b[i] - a[i])
+                    })
+                };
+                let (from, to) = (edges(&self.nodes), edges(positions));
+                // Components of a direction along the old edges, put on the new ones.
+                let det = triple(from[0], from[1], from[2]);
+                let moved = |axis: usize| -> [f64; 3] {
+                    let d: [f64; 3] = std::array::from_fn(|i| frame[i][axis]);
+                    let part = [
+                        triple(d, from[1], from[2]) / det,
+                        triple(from[0], d, from[2]) / det,
+                        triple(from[0], from[1], d) / det,
+                    ];
+                    std::array::from_fn(|i| (0..3).map(|k| part[k] * to[k][i]).sum())
+                };
+                orthonormal(moved(0), moved(1)).unwrap_or(*frame)
+            })
+            .collect()
+    }
+}
+
+fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
+    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+}
+
+fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+fn triple(a: [f64; 3], b: [f64; 3], c: [f64; 3]) -> f64 {
+    dot(a, cross(b, c))
+}
+
+/// The right-handed frame with this fibre and the sheet's part across it.
+fn orthonormal(fibre: [f64; 3], sheet: [f64; 3]) -> Option<Frame> {
+    let unit = |a: [f64; 3]| {
+        let n = dot(a, a).sqrt();
+        (n > 1e-12).then(|| a.map(|x| x / n))
+    };
+    let f = unit(fibre)?;
+    let along = dot(sheet, f);
+    let s = unit(std::array::from_fn(|i| sheet[i] - along * f[i]))?;
+    let n = cross(f, s);
+    Some(std::array::from_fn(|i| [f[i], s[i], n[i]]))
+}

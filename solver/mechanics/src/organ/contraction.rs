@@ -1,0 +1,248 @@
+//! A contraction model at every integration point of the muscle, implicit in the stretch.
+//!
+//! Each candidate of a time step gives every point its stretch at the step's end; the model answers with stress and with the
+//! stress's whole derivative, its states' own answer included. So both stress and states are those of the step's end, and a
+//! model whose stress depends on the rate of stretch (Land) keeps its stiffness in residual and tangent: what a staggered
+//! scheme has to add as a stabilising term (Regazzoni and Quarteroni 2021, Comput Methods Appl Mech Eng 373:113506) is the
+//! linear part of it.
+
+use std::sync::Arc;
+
+use cardiotwin_models::calcium::Calcium;
+use cardiotwin_models::contraction::{Contraction, ContractionError, NodeStep};
+use cardiotwin_models::ventricle::GroupContraction;
+
+use super::anatomy::Anatomy;
+use crate::body::{Body, Deformation};
+use crate::element::kernel::ActivePoint;
+use crate::element::{BATCH, Eight};
+use crate::material::ActiveConvention;
+use crate::step::PointStress;
+
+/// States of the points at the end of a step.
+#[derive(Debug, Clone, Default)]
+struct Points {
+    /// Contraction states, point after point.
+    cells: Vec<f64>,
+    /// Stretch from end-diastole.
+    lambda: Vec<f64>,
+    /// Active stress as the model gives it \[kPa\].
+    sa_kpa: Vec<f64>,
+    /// Calcium \[µM\]; empty without.
+    ca_um: Vec<f64>,
+}
+
+/// The model and its points.
+#[derive(Debug)]
+pub struct PointContraction {
+    model: Box<dyn Contraction>,
+    calcium: Option<Arc<dyn Calcium>>,
+    cycle_length_ms: f64,
+    convention: ActiveConvention,
+    /// Position of each point: entry of eight and lane.
+    places: Vec<(u32, u8)>,
+    n_batches: usize,
+    activation_ms: Vec<f64>,
+    /// Stretch of end-diastole from the unloaded state.
+    lambda_ed: Vec<f64>,
+    since_ms: Vec<f64>,
+    now: Points,
+    trial: Points,
+}
+
+/// What depends on the anatomy alone: which points contract, and how they make up the values of nodes.
+#[derive(Debug, Clone)]
+pub(super) struct NodeAverage {
+    /// Nodes (vertices) of the muscle.
+    pub nodes: Vec<u32>,
+    /// Share of the muscle's volume of each.
+    pub weights: Vec<f64>,
+    /// For each point its four nodes (positions in `nodes`), and its volume times their shape function over the node's.
+    shares: Vec<[(u32, f64); 4]>,
+}
+
+impl PointContraction {
+    /// The model at all points of the muscle of `body`.
+    ///
+    /// - `activation_ms`: activation time of each vertex of the mesh
+    /// - `end_diastole`: deformation in which the stretch is one
+    pub fn new(
+        contraction: GroupContraction,
+        cycle_length_ms: f64,
+        convention: ActiveConvention,
+        anatomy: &Anatomy,
+        body: &Body,
+        activation_ms: &[f64],
+        end_diastole: &Deformation,
+    ) -> Self {
+        let (model, calcium, start) = contraction.into_parts();
+        let (mut places, mut times, mut lambda_ed) = (vec![], vec![], vec![]);
+        let n_batches = body.n_point_batches();
+        for idx in 0..n_batches {
+            let (n_lanes, elements) = body.point_lanes(idx);
+            let shape = body.vertex_shape(idx);
+            for lane in 0..n_lanes {
+                let e = elements[lane] as usize;
+                if anatomy.contracts[e] {
+                    places.push((idx as u32, lane as u8));
+                    let corners = anatomy.corners[e];
+                    times.push((0..4).map(|k| shape[k] * activation_ms[corners[k] as usize]).sum());
+                    lambda_ed.push(end_diastole.squared_stretch[idx][lane].sqrt());
+                }
+            }
+        }
+        let n = places.len();
+        let now = Points {
+            cells: start.repeat(n),
+            lambda: vec![1.0; n],
+            sa_kpa: vec![0.0; n],
+            ca_um: vec![0.0; if calcium.is_some() { n } else { 0 }],
+        };
+        let mut points = Self {
+            model,
+            calcium,
+            cycle_length_ms,
+            convention,
+            places,
+            n_batches,
+            activation_ms: times,
+            lambda_ed,
+            since_ms: vec![0.0; n],
+            trial: now.clone(),
+            now,
+        };
+        points.begin_step(0.0);
+        points.now.ca_um.clone_from(&points.trial.ca_um);
+        points
+    }
+
+    /// Sets the time at the end of the step to be tried.
+    pub fn begin_step(&mut self, end_ms: f64) {
+        let length = self.cycle_length_ms;
+        for (since, t_a) in self.since_ms.iter_mut().zip(&self.activation_ms) {
+            let time = end_ms - t_a;
+            *since = if time >= length { time - (time / length).floor() * length } else { time };
+        }
+        if let Some(calcium) = &self.calcium {
+            // Before its first activation a point sees the tail of the previous transient.
+            for (ca, since) in self.trial.ca_um.iter_mut().zip(&self.since_ms) {
+                *ca = calcium.concentration_um(if *since < 0.0 { since + length } else { *since });
+            }
+        }
+    }
+
+    /// Accepts the last evaluation.
+    pub fn commit(&mut self) {
+        std::mem::swap(&mut self.now.cells, &mut self.trial.cells);
+        std::mem::swap(&mut self.now.lambda, &mut self.trial.lambda);
+        std::mem::swap(&mut self.now.sa_kpa, &mut self.trial.sa_kpa);
+        self.now.ca_um.clone_from(&self.trial.ca_um);
+    }
+
+    /// Number of points.
+    #[must_use]
+    pub fn n_points(&self) -> usize {
+        self.places.len()
+    }
+
+    /// Committed stretch, stress and calcium of each point; no calcium where the model has none.
+    pub(super) fn committed(&self) -> [&[f64]; 3] {
+        [&self.now.lambda, &self.now.sa_kpa, &self.now.ca_um]
+    }
+
+    /// All committed numbers.
+    pub(super) fn snapshot(&self) -> Vec<f64> {
+        [&self.now.cells, &self.now.lambda, &self.now.sa_kpa, &self.now.ca_um].into_iter().flatten().copied().collect()
+    }
+
+    /// How many numbers a snapshot has.
+    pub(super) fn snapshot_len(&self) -> usize {
+        self.now.cells.len() + self.now.lambda.len() + self.now.sa_kpa.len() + self.now.ca_um.len()
+    }
+
+    /// Goes back to a snapshot of the right length.
+    pub(super) fn restore(&mut self, mut values: &[f64]) {
+        for part in [&mut self.now.cells, &mut self.now.lambda, &mut self.now.sa_kpa, &mut self.now.ca_um] {
+            let (own, rest) = values.split_at(part.len());
+            part.copy_from_slice(own);
+            values = rest;
+        }
+    }
+
+    /// Nodal averages over these points.
+    pub(super) fn node_average(&self, anatomy: &Anatomy, body: &Body) -> NodeAverage {
+        let mut volume = vec![0.0; anatomy.n_vertices];
+        let mut parts = Vec::with_capacity(self.places.len());
+        for &(idx, lane) in &self.places {
+            let (idx, lane) = (idx as usize, lane as usize);
+            let e = body.point_lanes(idx).1[lane] as usize;
+            let (shape, weight) = (body.vertex_shape(idx), body.point_volume(idx)[lane]);
+            let part: [(u32, f64); 4] = std::array::from_fn(|k| (anatomy.corners[e][k], shape[k] * weight));
+            for (node, share) in part {
+                volume[node as usize] += share;
+            }
+            parts.push(part);
+        }
+        let nodes: Vec<u32> = (0..volume.len() as u32).filter(|n| volume[*n as usize] > 0.0).collect();
+        let total: f64 = volume.iter().sum();
+        let mut place = vec![0; volume.len()];
+        for (k, node) in nodes.iter().enumerate() {
+            place[*node as usize] = k as u32;
+        }
+        let shares =
+            parts.into_iter().map(|part| part.map(|(n, s)| (place[n as usize], s / volume[n as usize]))).collect();
+        let weights = nodes.iter().map(|n| volume[*n as usize] / total).collect();
+        NodeAverage { nodes, weights, shares }
+    }
+}
+
+impl NodeAverage {
+    /// Volume-weighted means of values at points, one a node.
+    pub fn apply(&self, values: &[f64], out: &mut [f64]) {
+        out.fill(0.0);
+        for (value, shares) in values.iter().zip(&self.shares) {
+            for (node, share) in shares {
+                out[*node as usize] += share * value;
+            }
+        }
+    }
+}
+
+impl PointStress for PointContraction {
+    fn evaluate(
+        &mut self,
+        dt_ms: f64,
+        deformation: &Deformation,
+        out: &mut Vec<ActivePoint>,
+    ) -> Result<(), ContractionError> {
+        out.clear();
+        out.resize(self.n_batches, ActivePoint { sa_kpa: [0.0; BATCH] as Eight, slope_kpa: [0.0; BATCH] });
+        let n_states = self.model.n_states();
+        for (k, &(idx, lane)) in self.places.iter().enumerate() {
+            let (idx, lane) = (idx as usize, lane as usize);
+            let ed = self.lambda_ed[k];
+            let lambda = deformation.squared_stretch[idx][lane].sqrt() / ed;
+            let step = NodeStep {
+                since_activation_ms: self.since_ms[k],
+                dt_ms,
+                ca_start_um: self.now.ca_um.get(k).copied().unwrap_or(0.0),
+                ca_end_um: self.trial.ca_um.get(k).copied().unwrap_or(0.0),
+                lambda_prev: self.now.lambda[k],
+                lambda,
+            };
+            let states = k * n_states..(k + 1) * n_states;
+            let stress = self.model.try_step(&step, &self.now.cells[states.clone()], &mut self.trial.cells[states])?;
+            self.trial.lambda[k] = lambda;
+            self.trial.sa_kpa[k] = stress.sa_kpa;
+            // The body's reference is the unloaded state, the model's stress belongs to end-diastole.
+            let factor = match self.convention {
+                ActiveConvention::PerSquaredStretch => 1.0,
+                ActiveConvention::FirstPiola => 1.0 / ed,
+                ActiveConvention::SecondPiola => 1.0 / (ed * ed),
+            };
+            out[idx].sa_kpa[lane] = factor * stress.sa_kpa;
+            out[idx].slope_kpa[lane] = factor * stress.dsa_dlambda_kpa / ed;
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,13 @@
+//! The left ventricle as an organ: anatomy, passive state, contraction, and the beat together with the circulation.
+
+pub mod anatomy;
+mod contraction;
+pub mod passive_state;
+mod ventricle;
+pub mod wall;
+
+pub use anatomy::{Anatomy, AnatomyError, ElementKind};
+pub use contraction::PointContraction;
+pub use passive_state::{PassiveFit, PassiveState, PassiveStateError, UnloadingSettings};
+pub use ventricle::{FiniteElementVentricle, VentricleParts, VentricleWork};
+pub use wall::{WallError, WallParameters};

@@ -1,0 +1,444 @@
+//! Step 0: the unloaded geometry behind an image, its inflation, and the stiffness that makes both fit the measured state.
+//!
+//! The unloaded geometry is found by backward displacement (Sellier 2011, Comput Methods Appl Mech Eng 200:2325): nodes are
+//! moved by what the inflated geometry misses of the image, until it misses nothing. Every inflation after the first starts
+//! where the last one ended, and needs no load steps.
+
+use super::anatomy::Anatomy;
+use super::wall::{WallError, WallParameters, displacement};
+use crate::dynamics::{Candidate, Dynamics, State};
+use crate::newton::LinearSolver;
+use crate::step::{Closure, Passive, Solver, StepError, StepSettings, step};
+use crate::time_integration::Motion;
+
+/// A step so long that inertia and damping vanish \[ms\].
+const FOREVER_MS: f64 = 1e7;
+
+/// Settings of the search for an unloaded geometry.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct UnloadingSettings {
+    /// Volume error over the image's volume at which it has converged.
+    pub volume_tolerance: f64,
+    /// Largest distance of a node from its place in the image at which it has converged \[mm\].
+    pub distance_tolerance_mm: f64,
+    /// Most passes.
+    pub max_passes: usize,
+    /// First step of the first inflation, a share of the pressure.
+    pub first_load: f64,
+    /// Smallest step of an inflation.
+    pub smallest_load: f64,
+    /// Newton.
+    pub newton: StepSettings,
+}
+
+impl Default for UnloadingSettings {
+    fn default() -> Self {
+        let newton = StepSettings {
+            linear: LinearSolver::Direct,
+            relative_tolerance: 1e-6,
+            least_pressure_kpa: 0.05,
+            max_iterations: 15,
+            ..StepSettings::default()
+        };
+        Self {
+            volume_tolerance: 1e-3,
+            distance_tolerance_mm: 0.02,
+            max_passes: 25,
+            first_load: 0.25,
+            smallest_load: 1e-3,
+            newton,
+        }
+    }
+}
+
+/// Why there is no passive state.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum PassiveStateError {
+    /// Wall or surfaces.
+    #[error("wall")]
+    Wall(#[from] WallError),
+    /// No inflation to the wanted pressure.
+    #[error("no equilibrium beyond {reached_kpa:.4} of {wanted_kpa:.4} kPa")]
+    Inflation {
+        /// Pressure of the last equilibrium.
+        reached_kpa: f64,
+        /// Pressure wanted.
+        wanted_kpa: f64,
+        /// Why the smallest load step failed.
+        source: StepError,
+    },
+    /// The unloaded geometry is not found.
+    #[error(
+        "no unloaded geometry after {passes} passes: volume off by {volume_error:.1e} of it, a node by {distance_mm:.2} mm"
+    )]
+    NotUnloaded {
+        /// Passes made.
+        passes: usize,
+        /// Volume error over the volume.
+        volume_error: f64,
+        /// Largest distance of a node.
+        distance_mm: f64,
+    },
+    /// No stiffness fits.
+    #[error(
+        "no stiffness gives a volume of {wanted_ml:.2} mL: {low_kpa:.3} kPa gives {at_low_ml:.2} mL, {high_kpa:.3} kPa gives \
+         {at_high_ml:.2} mL (NaN where there is no equilibrium); the volumes and pressures of image and end-diastole do not \
+         fit this law"
+    )]
+    NoStiffness {
+        /// Lower end tried.
+        low_kpa: f64,
+        /// Upper end tried.
+        high_kpa: f64,
+        /// Volume wanted.
+        wanted_ml: f64,
+        /// Volume at the lower end.
+        at_low_ml: f64,
+        /// Volume at the upper end.
+        at_high_ml: f64,
+    },
+}
+
+/// A wall with its unloaded geometry, in equilibrium at a pressure.
+#[derive(Debug)]
+pub struct PassiveState {
+    /// The wall, hung on its rim.
+    pub dynamics: Dynamics,
+    /// Stiffness C \[kPa\].
+    pub stiffness_kpa: f64,
+    /// Displacement from the unloaded geometry \[mm\].
+    pub u: Vec<f64>,
+    /// Pressure \[kPa\].
+    pub pressure_kpa: f64,
+    /// Newton iterations so far.
+    pub newton_iterations: usize,
+    /// Passes of the unloading so far.
+    pub passes: usize,
+    /// What the rim's springs rest away from the image \[mm\]: so that they hold what is left of forces without moving it.
+    anchor: Vec<f64>,
+    solver: Solver,
+}
+
+impl PassiveState {
+    /// The image taken for unloaded.
+    ///
+    /// # Errors
+    /// [`PassiveStateError::Wall`] for bad parameters or surfaces.
+    pub fn unloaded_image(anatomy: &Anatomy, wall: &WallParameters) -> Result<Self, PassiveStateError> {
+        Self::at(anatomy, wall, &anatomy.nodes, vec![0.0; 3 * anatomy.nodes.len()])
+    }
+
+    fn at(
+        anatomy: &Anatomy,
+        wall: &WallParameters,
+        unloaded: &[[f64; 3]],
+        anchor: Vec<f64>,
+    ) -> Result<Self, PassiveStateError> {
+        let mut dynamics = wall.hung(anatomy, unloaded)?;
+        for (rest, anchor) in dynamics.supports[0].rest.iter_mut().zip(&anchor) {
+            *rest += anchor;
+        }
+        let (u, solver) = (vec![0.0; 3 * unloaded.len()], Solver::new(&dynamics));
+        let stiffness_kpa = wall.muscle.c_kpa;
+        Ok(Self { dynamics, stiffness_kpa, u, pressure_kpa: 0.0, newton_iterations: 0, passes: 0, anchor, solver })
+    }
+
+    /// As it is, with the work of another state that it goes on from.
+    fn after(self, newton_iterations: usize, passes: usize) -> Self {
+        Self { newton_iterations, passes, ..self }
+    }
+
+    /// Cavity volume \[mm³\].
+    #[must_use]
+    pub fn volume_mm3(&self) -> f64 {
+        self.dynamics.cavity_volume(&self.u)
+    }
+
+    /// Cavity volume of the unloaded geometry \[mm³\].
+    #[must_use]
+    pub fn unloaded_volume_mm3(&self) -> f64 {
+        self.dynamics.cavity_volume(&vec![0.0; self.u.len()])
+    }
+
+    /// Unloaded node positions \[mm\].
+    #[must_use]
+    pub fn unloaded(&self) -> &[[f64; 3]] {
+        self.dynamics.body.reference().as_chunks::<3>().0
+    }
+
+    /// Equilibrium at `pressure_kpa` from `guess`, at once.
+    fn settle(&mut self, guess: Vec<f64>, pressure_kpa: f64, newton: &StepSettings) -> Result<(), StepError> {
+        let n = guess.len();
+        let now = State { motion: Motion::at_rest(guess.clone()), force: vec![0.0; n], pressure_kpa };
+        let mut candidate = Candidate { motion: Motion { u: guess, ..Motion::default() }, ..Candidate::default() };
+        self.solver.forget();
+        let newton =
+            StepSettings { least_pressure_kpa: newton.least_pressure_kpa.min(pressure_kpa.abs()).max(1e-3), ..*newton };
+        let mut closure = Closure::Pressure(pressure_kpa);
+        let (_, report) = step(
+            &self.dynamics,
+            &now,
+            FOREVER_MS,
+            &mut candidate,
+            &mut Passive,
+            &mut closure,
+            &mut self.solver,
+            &newton,
+        )?;
+        self.newton_iterations += report.iterations;
+        self.u = candidate.motion.u;
+        self.pressure_kpa = pressure_kpa;
+        Ok(())
+    }
+
+    /// Inflates (or lets air out) to `pressure_kpa` in steps that are halved on failure and grow after success.
+    ///
+    /// # Errors
+    /// [`PassiveStateError::Inflation`]; the state then is the last equilibrium.
+    pub fn inflate(&mut self, pressure_kpa: f64, settings: &UnloadingSettings) -> Result<(), PassiveStateError> {
+        let (start, wanted) = (self.pressure_kpa, pressure_kpa);
+        let mut reached = 0.0;
+        let mut load = settings.first_load;
+        let mut before: Option<(f64, Vec<f64>)> = None;
+        while reached < 1.0 {
+            let target = if reached + load > 1.0 - 1e-9 { 1.0 } else { reached + load };
+            let p = start + target * (wanted - start);
+            let ahead = before.as_ref().map(|(l, u)| ((target - reached) / (reached - l), u));
+            let guess = match ahead {
+                Some((ratio, last)) => self.u.iter().zip(last).map(|(u, b)| u + ratio * (u - b)).collect(),
+                None => self.u.clone(),
+            };
+            let here = self.u.clone();
+            match self.settle(guess, p, &settings.newton) {
+                Ok(()) => {
+                    before = Some((reached, here));
+                    reached = target;
+                    load *= 1.5;
+                }
+                Err(source) => {
+                    load = 0.5 * (target - reached);
+                    before = None;
+                    if load < settings.smallest_load {
+                        let reached_kpa = self.pressure_kpa;
+                        return Err(PassiveStateError::Inflation { reached_kpa, wanted_kpa: wanted, source });
+                    }
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Finds the unloaded geometry that `pressure_kpa` inflates to the image, and ends in equilibrium there: from a geometry
+    /// that was found before, else from the image under a pressure that grows, in steps that are halved on failure.
+    ///
+    /// # Errors
+    /// [`PassiveStateError`] when the smallest step of the pressure fails or the passes do not end.
+    pub fn unload(
+        &mut self,
+        anatomy: &Anatomy,
+        wall: &WallParameters,
+        pressure_kpa: f64,
+        settings: &UnloadingSettings,
+    ) -> Result<(), PassiveStateError> {
+        let (iterations, passes) = (self.newton_iterations, self.passes);
+        if passes > 0 {
+            let mut again = Self::at(anatomy, wall, self.unloaded(), self.anchor.clone())?.after(iterations, passes);
+            if again.meet_image(anatomy, wall, pressure_kpa, true, settings).is_ok() {
+                *self = again;
+                return Ok(());
+            }
+        }
+        *self = Self::unloaded_image(anatomy, wall)?.after(iterations, passes);
+        let (mut reached, mut load) = (0.0, settings.first_load);
+        let mut before: Option<(f64, Vec<[f64; 3]>)> = None;
+        while reached < 1.0 {
+            let target = if reached + load > 1.0 - 1e-9 { 1.0 } else { reached + load };
+            let mut start = self.unloaded().to_vec();
+            if let Some((load, nodes)) = &before {
+                let ratio = (target - reached) / (reached - load);
+                for (x, b) in start.iter_mut().zip(nodes) {
+                    (0..3).for_each(|i| x[i] += ratio * (x[i] - b[i]));
+                }
+            }
+            let (iterations, passes) = (self.newton_iterations, self.passes);
+            let attempt = Self::at(anatomy, wall, &start, self.anchor.clone()).and_then(|next| {
+                let mut next = next.after(iterations, passes);
+                next.meet_image(anatomy, wall, target * pressure_kpa, target == 1.0, settings)?;
+                Ok(next)
+            });
+            match attempt {
+                Ok(next) => {
+                    before = Some((reached, self.unloaded().to_vec()));
+                    *self = next;
+                    reached = target;
+                    load *= 1.5;
+                }
+                Err(error) => {
+                    load = 0.5 * (target - reached);
+                    before = None;
+                    if load < settings.smallest_load {
+                        return Err(error);
+                    }
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Passes of backward displacement at one pressure; a single one where the last word is not needed.
+    fn meet_image(
+        &mut self,
+        anatomy: &Anatomy,
+        wall: &WallParameters,
+        pressure_kpa: f64,
+        tight: bool,
+        settings: &UnloadingSettings,
+    ) -> Result<(), PassiveStateError> {
+        let flat_image = anatomy.nodes.as_flattened();
+        let image_volume = self.dynamics.cavity_volume(&displacement(&anatomy.nodes, self.unloaded()));
+        let mut last_mm = f64::INFINITY;
+        for pass in 1.. {
+            let guess = displacement(&anatomy.nodes, self.unloaded());
+            self.settle(guess, pressure_kpa, &settings.newton).map_err(|source| PassiveStateError::Inflation {
+                reached_kpa: 0.0,
+                wanted_kpa: pressure_kpa,
+                source,
+            })?;
+            self.passes += 1;
+            let miss: Vec<f64> = (self.dynamics.body.reference().iter().zip(&self.u).zip(flat_image))
+                .map(|((x, u), image)| x + u - image)
+                .collect();
+            let volume_error = (self.volume_mm3() - image_volume).abs() / image_volume;
+            let lengths = miss.as_chunks::<3>().0.iter().map(|m| m.iter().map(|x| x * x).sum::<f64>().sqrt());
+            let distance_mm = lengths.fold(0.0, f64::max);
+            if tight && volume_error <= settings.volume_tolerance && distance_mm <= settings.distance_tolerance_mm {
+                return Ok(());
+            }
+            if pass >= settings.max_passes || distance_mm > 1.5 * last_mm {
+                return Err(PassiveStateError::NotUnloaded { passes: pass, volume_error, distance_mm });
+            }
+            last_mm = distance_mm;
+            let moved: Vec<f64> = self.dynamics.body.reference().iter().zip(&miss).map(|(x, m)| x - m).collect();
+            let (iterations, passes) = (self.newton_iterations, self.passes);
+            let anchor = self.anchor.iter().zip(&miss).map(|(a, m)| a - m).collect();
+            *self = Self::at(anatomy, wall, moved.as_chunks::<3>().0, anchor)?.after(iterations, passes);
+            if !tight {
+                return Ok(());
+            }
+        }
+        Ok(())
+    }
+}
+
+/// What the stiffness is fitted to.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum PassiveFit {
+    /// The stiffness is given.
+    Given {
+        /// Pressure at which the image was taken \[kPa\].
+        image_pressure_kpa: f64,
+        /// End-diastolic pressure \[kPa\].
+        end_diastolic_pressure_kpa: f64,
+    },
+    /// The image shows diastasis; inflated to end-diastole the cavity holds the measured volume.
+    EndDiastole {
+        /// Pressure at diastasis \[kPa\].
+        image_pressure_kpa: f64,
+        /// End-diastolic pressure \[kPa\].
+        end_diastolic_pressure_kpa: f64,
+        /// End-diastolic volume \[mm³\].
+        end_diastolic_volume_mm3: f64,
+    },
+    /// The image is taken to be at end-diastolic pressure, and the unloaded cavity holds this volume (Klotz 2006).
+    Unloaded {
+        /// End-diastolic pressure \[kPa\].
+        end_diastolic_pressure_kpa: f64,
+        /// Unloaded volume \[mm³\].
+        unloaded_volume_mm3: f64,
+    },
+}
+
+/// Fits stiffness and unloaded geometry, and ends in end-diastole. `wall.muscle.c_kpa` is where the search starts.
+///
+/// # Errors
+/// [`PassiveStateError`] when an inflation or unloading fails, or no stiffness between 1/30 and 30 times the
+/// start fits: the law's exponents limit how much a ventricle grows between two pressures, however soft it is.
+pub fn fit(
+    anatomy: &Anatomy,
+    wall: &WallParameters,
+    target: &PassiveFit,
+    settings: &UnloadingSettings,
+) -> Result<(PassiveState, WallParameters), PassiveStateError> {
+    let mut state = PassiveState::unloaded_image(anatomy, wall)?;
+    let at = |state: &mut PassiveState, c_kpa: f64| -> Result<(WallParameters, f64), PassiveStateError> {
+        let mut wall = wall.clone();
+        wall.muscle.c_kpa = c_kpa;
+        let (image_pressure, end_pressure) = match *target {
+            PassiveFit::Given { image_pressure_kpa, end_diastolic_pressure_kpa }
+            | PassiveFit::EndDiastole { image_pressure_kpa, end_diastolic_pressure_kpa, .. } => {
+                (image_pressure_kpa, end_diastolic_pressure_kpa)
+            }
+            PassiveFit::Unloaded { end_diastolic_pressure_kpa: p, .. } => (p, p),
+        };
+        state.unload(anatomy, &wall, image_pressure, settings)?;
+        let volume = match target {
+            PassiveFit::Unloaded { .. } => state.unloaded_volume_mm3(),
+            _ => {
+                state.inflate(end_pressure, settings)?;
+                state.volume_mm3()
+            }
+        };
+        Ok((wall, volume))
+    };
+    let wanted = match *target {
+        PassiveFit::Given { .. } => {
+            let (wall, _) = at(&mut state, wall.muscle.c_kpa)?;
+            return Ok((state, wall));
+        }
+        PassiveFit::EndDiastole { end_diastolic_volume_mm3, .. } => end_diastolic_volume_mm3,
+        PassiveFit::Unloaded { unloaded_volume_mm3, .. } => unloaded_volume_mm3,
+    };
+    // End-diastolic volume falls with stiffness, unloaded volume grows: bracketed secant in ln C.
+    let start = wall.muscle.c_kpa;
+    let (lowest, highest) = ((start / 30.0).ln(), (start * 30.0).ln());
+    let grows = matches!(target, PassiveFit::Unloaded { .. });
+    let mut ends: [Option<(f64, f64)>; 2] = [None, None];
+    let mut ln_c = start.ln();
+    let mut last: Option<f64> = None;
+    for _ in 0..30 {
+        let (fitted, volume) = match (at(&mut state, ln_c.exp()), last) {
+            (Ok(found), _) => found,
+            // Too far in one go, or beyond what holds the load at all: half the way, as long as that is a way.
+            (Err(_), Some(last)) if (ln_c - last).abs() > 0.05 => {
+                ln_c = 0.5 * (ln_c + last);
+                continue;
+            }
+            (Err(error), None) => return Err(error),
+            (Err(_), Some(_)) => break,
+        };
+        last = Some(ln_c);
+        let miss = (volume - wanted) / wanted;
+        if miss.abs() <= settings.volume_tolerance {
+            return Ok((state, fitted));
+        }
+        let too_stiff = (miss > 0.0) == grows;
+        ends[usize::from(too_stiff)] = Some((ln_c, miss));
+        let next = match ends {
+            [Some((a, f)), Some((b, g))] => (a - f * (b - a) / (g - f)).clamp(a + 0.05 * (b - a), b - 0.05 * (b - a)),
+            [None, _] => (ln_c - 0.5).max(lowest),
+            [_, None] => (ln_c + 0.5).min(highest),
+        };
+        if next == ln_c {
+            break;
+        }
+        ln_c = next;
+    }
+    let ml = |end: Option<(f64, f64)>| end.map_or(f64::NAN, |(_, miss)| 1e-3 * wanted * (1.0 + miss));
+    Err(PassiveStateError::NoStiffness {
+        low_kpa: ends[0].map_or(ln_c, |(x, _)| x).exp(),
+        high_kpa: ends[1].map_or(ln_c, |(x, _)| x).exp(),
+        wanted_ml: 1e-3 * wanted,
+        at_low_ml: ml(ends[0]),
+        at_high_ml: ml(ends[1]),
+    })
+}

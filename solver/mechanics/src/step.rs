@@ -1,0 +1,405 @@
+//! One time step: displacement and cavity pressure together.
+//!
+//! Newton's method on the bordered system of momentum `r(u, p) = 0` and volume balance `V(u) = W(p)`, with `W` the volume
+//! that the circulation leaves in the cavity at pressure `p`. Each iteration solves for two right-hand sides, `K x = r` and
+//! `K y = q`; along `u − x − y Δp` the volume is linear, and the scalar balance with the circulation, kinks of its valves
+//! included, is then solved exactly by a bracketed Newton method: valves that change state cannot make it cycle.
+
+use cardiotwin_models::circulation::CirculationError;
+use cardiotwin_models::contraction::ContractionError;
+
+use crate::body::Deformation;
+use crate::dynamics::{Candidate, Dynamics, State};
+use crate::element::kernel::ActivePoint;
+use crate::linear::{
+    BlockJacobi, Direct, DirectError, KrylovEnding, KrylovSettings, Preconditioner, SymmetricSweep, Tangent,
+    conjugate_gradients, gmres,
+};
+use crate::newton::{LinearSolver, Smallest};
+use crate::parallel::Space;
+
+/// Active stress at the integration points for a candidate deformation.
+pub trait PointStress {
+    /// Fills `out`, one a point batch, with stress and slope at the end of a step of `dt_ms`; leaves it empty for none.
+    ///
+    /// # Errors
+    /// [`ContractionError`] of the first point that fails.
+    fn evaluate(
+        &mut self,
+        dt_ms: f64,
+        deformation: &Deformation,
+        out: &mut Vec<ActivePoint>,
+    ) -> Result<(), ContractionError>;
+}
+
+/// No active stress.
+#[derive(Debug, Clone, Copy)]
+pub struct Passive;
+
+impl PointStress for Passive {
+    fn evaluate(&mut self, _: f64, _: &Deformation, out: &mut Vec<ActivePoint>) -> Result<(), ContractionError> {
+        out.clear();
+        Ok(())
+    }
+}
+
+/// Volume \[mm³\] that remains in the cavity at the step's end for a pressure \[kPa\], and its slope, never positive.
+pub type Balance<'a> = dyn FnMut(f64) -> Result<(f64, f64), CirculationError> + 'a;
+
+/// What decides on the pressure at the step's end.
+pub enum Closure<'a> {
+    /// It is given \[kPa\].
+    Pressure(f64),
+    /// The circulation.
+    Balance(&'a mut Balance<'a>),
+}
+
+/// Settings of a step.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct StepSettings {
+    /// Residual over the scale of the forces at which it has converged.
+    pub relative_tolerance: f64,
+    /// Smallest scale of the forces, a pressure \[kPa\] on the endocardium: what the residual is compared with at rest.
+    pub least_pressure_kpa: f64,
+    /// Volume balance at which it has converged \[mm³\].
+    pub volume_tolerance_mm3: f64,
+    /// Most iterations.
+    pub max_iterations: usize,
+    /// Most halvings of an iteration's step.
+    pub max_halvings: usize,
+    /// An iteration's step is halved when an element's volume would shrink below this share.
+    pub smallest_volume_ratio: f64,
+    /// Linear solver.
+    pub linear: LinearSolver,
+    /// Limits of the Krylov method; its tolerance follows from the residual.
+    pub krylov: KrylovSettings,
+    /// Factorisations and set-ups are kept until a solve takes more iterations than this.
+    pub keep_until: usize,
+}
+
+impl Default for StepSettings {
+    fn default() -> Self {
+        Self {
+            relative_tolerance: 1e-4,
+            least_pressure_kpa: 0.5,
+            volume_tolerance_mm3: 1e-2,
+            max_iterations: 12,
+            max_halvings: 4,
+            smallest_volume_ratio: 0.1,
+            linear: LinearSolver::BlockJacobi,
+            krylov: KrylovSettings::default(),
+            keep_until: 12,
+        }
+    }
+}
+
+/// What a step cost.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct StepReport {
+    /// Newton iterations.
+    pub iterations: usize,
+    /// Krylov iterations of both right-hand sides.
+    pub krylov_iterations: usize,
+    /// Factorisations.
+    pub factorisations: usize,
+    /// Residual at the end over the scale of the forces.
+    pub relative_residual: f64,
+    /// Volume balance at the end \[mm³\].
+    pub volume_residual_mm3: f64,
+}
+
+/// Why a step failed.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum StepError {
+    /// Out of iterations.
+    #[error(
+        "Newton did not converge in {iterations} iterations: relative residual {relative_residual:.1e}, \
+         volume balance {volume_residual_mm3:.1e} mm³"
+    )]
+    NotConverged {
+        /// Iterations made.
+        iterations: usize,
+        /// Residual over the scale of the forces.
+        relative_residual: f64,
+        /// Volume balance.
+        volume_residual_mm3: f64,
+    },
+    /// Every step, however short, inverts an element.
+    #[error("element {element} would be inverted (volume ratio {volume_ratio:.3})")]
+    Inverted {
+        /// Element.
+        element: usize,
+        /// Its volume ratio at the shortest step.
+        volume_ratio: f64,
+    },
+    /// Something is not a number.
+    #[error("{what} is not finite")]
+    NotFinite {
+        /// What.
+        what: &'static str,
+    },
+    /// The linear solver did not converge.
+    #[error("linear solver: relative residual {relative_residual:.1e} after {iterations} iterations")]
+    Linear {
+        /// Iterations made.
+        iterations: usize,
+        /// Residual that it reached.
+        relative_residual: f64,
+    },
+    /// The factorisation failed.
+    #[error("factorisation")]
+    Direct(#[from] DirectError),
+    /// The circulation failed.
+    #[error("circulation")]
+    Circulation(#[from] CirculationError),
+    /// The contraction model failed.
+    #[error("contraction model")]
+    Contraction(#[from] ContractionError),
+}
+
+/// A right-hand side, where the solution begins and ends up, and the relative tolerance.
+type Side<'a> = (&'a [f64], &'a mut Vec<f64>, f64);
+
+/// Matrices and vectors that outlive a step.
+#[derive(Debug)]
+pub struct Solver {
+    /// The tangent.
+    pub tangent: Tangent,
+    direct: Option<Direct>,
+    stale: bool,
+    /// Last solution of `K y = q`: a good start for the next.
+    response: Vec<f64>,
+}
+
+impl Solver {
+    /// A workspace for `dynamics`.
+    #[must_use]
+    pub fn new(dynamics: &Dynamics) -> Self {
+        Self { tangent: dynamics.body.new_tangent(), direct: None, stale: true, response: vec![] }
+    }
+
+    /// Forgets what was kept from step to step: the next step then depends on its start alone.
+    pub fn forget(&mut self) {
+        self.stale = true;
+        self.response.clear();
+    }
+
+    /// Solves with a preconditioner made anew or kept.
+    fn solve(
+        &mut self,
+        dynamics: &Dynamics,
+        sides: &mut [Side<'_>],
+        settings: &StepSettings,
+        report: &mut StepReport,
+    ) -> Result<(), StepError> {
+        let space = dynamics.space();
+        let (jacobi, sweep);
+        let preconditioner: &dyn Preconditioner = match settings.linear {
+            LinearSolver::Direct => {
+                let fresh = self.stale || self.direct.is_none();
+                self.factorise(dynamics, report)?;
+                let kept = self.direct.as_ref().expect("made above");
+                let before = report.krylov_iterations;
+                let solved = krylov(space, &self.tangent, kept, sides, settings, settings.keep_until, report);
+                if solved.is_ok() {
+                    self.stale = report.krylov_iterations - before > settings.keep_until;
+                    return Ok(());
+                }
+                if !fresh {
+                    self.stale = true;
+                    self.factorise(dynamics, report)?;
+                }
+                self.direct.as_ref().expect("made above")
+            }
+            LinearSolver::BlockJacobi => {
+                jacobi = BlockJacobi::new(&self.tangent);
+                &jacobi
+            }
+            LinearSolver::SymmetricSweep => {
+                sweep = SymmetricSweep::new(&self.tangent);
+                &sweep
+            }
+        };
+        krylov(space, &self.tangent, preconditioner, sides, settings, settings.krylov.max_iterations, report)
+    }
+
+    /// Factorises the tangent, unless a factorisation is kept.
+    fn factorise(&mut self, dynamics: &Dynamics, report: &mut StepReport) -> Result<(), StepError> {
+        if self.direct.is_none() {
+            self.direct = Some(Direct::new(&self.tangent, dynamics.body.reference())?);
+            self.stale = true;
+        }
+        if let (Some(direct), true) = (&mut self.direct, self.stale) {
+            direct.factorise(&self.tangent)?;
+            self.stale = false;
+            report.factorisations += 1;
+        }
+        Ok(())
+    }
+}
+
+/// Solves for each right-hand side by conjugate gradients, and by GMRES where those stop at an indefinite matrix.
+fn krylov(
+    space: Space<'_>,
+    tangent: &Tangent,
+    preconditioner: &dyn Preconditioner,
+    sides: &mut [Side<'_>],
+    settings: &StepSettings,
+    max_iterations: usize,
+    report: &mut StepReport,
+) -> Result<(), StepError> {
+    for (b, x, tolerance) in sides.iter_mut() {
+        let limits = KrylovSettings { relative_tolerance: *tolerance, max_iterations, ..settings.krylov };
+        let mut done = conjugate_gradients(space, tangent, preconditioner, b, x, &limits);
+        report.krylov_iterations += done.iterations;
+        if done.ending != KrylovEnding::Converged {
+            done = gmres(space, tangent, preconditioner, b, x, &limits);
+            report.krylov_iterations += done.iterations;
+        }
+        if !(done.relative_residual < (10.0 * *tolerance).min(0.1)) {
+            let (iterations, relative_residual) = (done.iterations, done.relative_residual);
+            return Err(StepError::Linear { iterations, relative_residual });
+        }
+    }
+    Ok(())
+}
+
+/// Takes a step of `dt_ms` from `now`. `candidate` is the end on success: its displacement and pressure are where Newton
+/// starts (see [`crate::time_integration::GeneralisedAlpha::predict`]). Returns the forces there too. Collective.
+///
+/// # Errors
+/// [`StepError`]; `candidate` then is of no use.
+#[expect(clippy::too_many_arguments, reason = "a step needs them all, each of its own kind")]
+pub fn step(
+    dynamics: &Dynamics,
+    now: &State,
+    dt_ms: f64,
+    candidate: &mut Candidate,
+    stress: &mut dyn PointStress,
+    closure: &mut Closure<'_>,
+    solver: &mut Solver,
+    settings: &StepSettings,
+) -> Result<(Vec<f64>, StepReport), StepError> {
+    let space = dynamics.space();
+    let n = now.motion.u.len();
+    let mut report = StepReport::default();
+    if let Closure::Pressure(p) = closure {
+        candidate.pressure_kpa = *p;
+    }
+    let whole = |s: &Smallest| s.volume_ratio > settings.smallest_volume_ratio;
+    let smallest = dynamics.complete(dt_ms, now, candidate);
+    if !whole(&smallest) {
+        // Not from the prediction, then: from where the step starts.
+        candidate.motion.u.clone_from(&now.motion.u);
+        let smallest = dynamics.complete(dt_ms, now, candidate);
+        if !whole(&smallest) {
+            let Smallest { element, volume_ratio } = smallest;
+            return Err(StepError::Inverted { element, volume_ratio });
+        }
+    }
+    stress.evaluate(dt_ms, &candidate.deformation, &mut candidate.active)?;
+    let (mut force, mut r) = (vec![0.0; n], vec![0.0; n]);
+    let (mut column, mut row) = (vec![], vec![]);
+    let mut x = vec![0.0; n];
+    let mut last_change_kpa = settings.least_pressure_kpa;
+    loop {
+        dynamics.linearise(dt_ms, now, candidate, &mut force, &mut r, &mut solver.tangent);
+        dynamics.pressure_column(candidate, &mut column);
+        let norm = space.norm(&r);
+        let unit = space.norm(&column);
+        let pressure = settings.least_pressure_kpa.max(candidate.pressure_kpa.abs());
+        let scale = if unit > 0.0 { pressure * unit } else { space.norm(&force).max(f64::MIN_POSITIVE) };
+        report.relative_residual = norm / scale;
+        let volume = dynamics.cavity_volume(&candidate.motion.u);
+        report.volume_residual_mm3 = match closure {
+            Closure::Pressure(_) => 0.0,
+            Closure::Balance(balance) => volume - balance(candidate.pressure_kpa)?.0,
+        };
+        if !(norm.is_finite() && report.volume_residual_mm3.is_finite()) {
+            return Err(StepError::NotFinite { what: "the residual" });
+        }
+        if report.relative_residual <= settings.relative_tolerance
+            && report.volume_residual_mm3.abs() <= settings.volume_tolerance_mm3
+        {
+            return Ok((force, report));
+        }
+        if report.iterations >= settings.max_iterations {
+            let StepReport { iterations, relative_residual, volume_residual_mm3, .. } = report;
+            return Err(StepError::NotConverged { iterations, relative_residual, volume_residual_mm3 });
+        }
+        let wanted = settings.relative_tolerance * scale;
+        x.fill(0.0);
+        let tolerance = (0.3 * wanted / norm).clamp(1e-10, 0.01);
+        let mut change_kpa = 0.0;
+        match closure {
+            Closure::Pressure(_) => {
+                solver.solve(dynamics, &mut [(&r, &mut x, tolerance)], settings, &mut report)?;
+            }
+            Closure::Balance(balance) => {
+                let mut y = std::mem::take(&mut solver.response);
+                y.resize(n, 0.0);
+                let of_column = (0.3 * wanted / (unit * last_change_kpa)).clamp(1e-10, 0.01);
+                solver.solve(
+                    dynamics,
+                    &mut [(&r, &mut x, tolerance), (&column, &mut y, of_column)],
+                    settings,
+                    &mut report,
+                )?;
+                dynamics.volume_row(candidate, &mut row);
+                let (along, compliance) = (space.dot(&row, &x), -space.dot(&row, &y));
+                let target = solve_balance(volume - along, compliance, candidate.pressure_kpa, &mut **balance)?;
+                change_kpa = target - candidate.pressure_kpa;
+                last_change_kpa = change_kpa.abs().max(1e-3 * settings.least_pressure_kpa);
+                for (x, y) in x.iter_mut().zip(&y) {
+                    *x += change_kpa * y;
+                }
+                solver.response = y;
+            }
+        }
+        let start = candidate.motion.u.clone();
+        let start_kpa = candidate.pressure_kpa;
+        let mut share = 1.0;
+        for halving in 0.. {
+            for k in 0..n {
+                candidate.motion.u[k] = start[k] - share * x[k];
+            }
+            candidate.pressure_kpa = start_kpa + share * change_kpa;
+            let smallest = dynamics.complete(dt_ms, now, candidate);
+            if whole(&smallest) {
+                break;
+            }
+            if halving >= settings.max_halvings {
+                let Smallest { element, volume_ratio } = smallest;
+                return Err(StepError::Inverted { element, volume_ratio });
+            }
+            share *= 0.5;
+        }
+        stress.evaluate(dt_ms, &candidate.deformation, &mut candidate.active)?;
+        report.iterations += 1;
+    }
+}
+
+/// The pressure at which the cavity's volume, `volume + compliance · (p − start)`, is what the circulation leaves in it.
+fn solve_balance(volume: f64, compliance: f64, start: f64, balance: &mut Balance<'_>) -> Result<f64, StepError> {
+    let (mut low, mut high) = (f64::NEG_INFINITY, f64::INFINITY);
+    let mut p = start;
+    for _ in 0..100 {
+        let (left, slope) = balance(p)?;
+        let residual = volume + compliance * (p - start) - left;
+        let gain = compliance - slope;
+        if !residual.is_finite() || !(gain > 0.0) {
+            return Err(StepError::NotFinite { what: "the volume balance" });
+        }
+        let newton = p - residual / gain;
+        if (newton - p).abs() <= 1e-12 * (1.0 + p.abs()) || high - low <= 1e-13 * (1.0 + p.abs()) {
+            return Ok(newton);
+        }
+        if residual < 0.0 {
+            low = low.max(p);
+        } else {
+            high = high.min(p);
+        }
+        p = if newton > low && newton < high { newton } else { 0.5 * (low + high) };
+    }
+    Ok(p)
+}

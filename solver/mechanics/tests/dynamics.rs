@@ -1,0 +1,219 @@
+//! Bodies in motion: order in time, tangent, energy, and the step that finds displacement and pressure together.
+
+#[path = "../verification/mod.rs"]
+mod verification;
+
+use cardiotwin_mechanics::body::{Body, BodyInput};
+use cardiotwin_mechanics::boundary::{Cavity, Robin, RobinDirection};
+use cardiotwin_mechanics::dynamics::{Candidate, Dynamics, Rayleigh, State, Support};
+use cardiotwin_mechanics::element::kernel::VolumeChange;
+use cardiotwin_mechanics::material::{Guccione, Law, Tissue, Volumetric, VolumetricLaw};
+use cardiotwin_mechanics::newton::LinearSolver;
+use cardiotwin_mechanics::parallel::{Layout, SingleProcess};
+use cardiotwin_mechanics::step::{Closure, Passive, Solver, StepSettings, step};
+use cardiotwin_mechanics::time_integration::GeneralisedAlpha;
+use verification::meshes::cuboid;
+
+/// A block of 10 mm on springs and dashpots below, open "cavity" above: pressure pushes on its top.
+fn block(rho: f64, damping: Rayleigh, dashpot: f64) -> Dynamics {
+    let mesh = cuboid([3, 3, 3], |p| p.map(|x| 10.0 * x));
+    let tissue = Tissue {
+        law: Law::Guccione(Guccione::guccione1995(2.0)),
+        volumetric: Volumetric { law: VolumetricLaw::LnSquared, kappa_kpa: 50.0 },
+        active: None,
+        density: 1.06,
+    };
+    let tissue_of = vec![0; mesh.tets.len()];
+    let input = BodyInput {
+        nodes: &mesh.nodes,
+        n_vertices: mesh.nodes.len(),
+        tets: &mesh.tets,
+        tissues: vec![tissue],
+        tissue_of: &tissue_of,
+        frame: &|_, _| [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
+        volume: VolumeChange::Nodal { pointwise_share: 0.05 },
+        layout: Layout::whole(mesh.nodes.len()),
+    };
+    let body = Body::linear(&input, &SingleProcess).expect("a proper mesh");
+    let robin = Robin::new(&mesh.sides[4], RobinDirection::All, body.reference(), body.pattern()).expect("faces");
+    let cavity = Cavity::new(&mesh.sides[5], vec![], &[], body.reference(), body.pattern()).expect("faces");
+    let mut dynamics = Dynamics::new(body, Box::new(SingleProcess), GeneralisedAlpha::with_spectral_radius(rho));
+    dynamics.damping = damping;
+    dynamics.supports = vec![Support { robin, spring: 2.0, dashpot, rest: vec![] }];
+    dynamics.cavity = Some(cavity);
+    dynamics
+}
+
+fn at_rest(dynamics: &Dynamics) -> State {
+    dynamics.start(vec![0.0; dynamics.body.reference().len()], vec![], 0.0).expect("a sound body")
+}
+
+fn tight() -> StepSettings {
+    StepSettings { relative_tolerance: 1e-11, least_pressure_kpa: 0.1, ..StepSettings::default() }
+}
+
+/// The states at the ends of `n` steps to `end_ms` under a pressure in time, the start first.
+fn run(dynamics: &Dynamics, n: usize, end_ms: f64, pressure: impl Fn(f64) -> f64, now: State) -> Vec<State> {
+    let dt = end_ms / n as f64;
+    let mut solver = Solver::new(dynamics);
+    let mut states = vec![now];
+    for k in 1..=n {
+        let now = &states[k - 1];
+        let mut candidate = Candidate::default();
+        dynamics.scheme.predict(dt, &now.motion, &mut candidate.motion.u);
+        let mut closure = Closure::Pressure(pressure(k as f64 * dt));
+        let (force, _) =
+            step(dynamics, now, dt, &mut candidate, &mut Passive, &mut closure, &mut solver, &tight()).expect("a step");
+        let pressure_kpa = candidate.pressure_kpa;
+        states.push(State { motion: candidate.motion, force, pressure_kpa });
+    }
+    states
+}
+
+#[test]
+fn motion_is_of_second_order_in_time() {
+    let damping = Rayleigh { mass_per_ms: 0.1, stiffness_ms: 0.1 };
+    let pulse = |t: f64| 0.5 * (std::f64::consts::PI * t / 16.0).sin().powi(4);
+    for rho in [0.0, 0.5] {
+        let dynamics = block(rho, damping, 3.0);
+        let last = |n: usize| run(&dynamics, n, 8.0, pulse, at_rest(&dynamics)).pop().expect("the last").motion.u;
+        let finest = last(512);
+        let error = |n: usize| last(n).iter().zip(&finest).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt();
+        let (coarse, fine) = (error(32), error(64));
+        let order = (coarse / fine).log2();
+        assert!(order > 1.8 && coarse > 1e-8, "rho {rho}: order {order} ({coarse:.2e}, {fine:.2e})");
+    }
+}
+
+#[test]
+fn tangent_is_the_slope_of_the_residual_in_displacement_and_pressure() {
+    let mut dynamics = block(0.3, Rayleigh { mass_per_ms: 0.2, stiffness_ms: 0.3 }, 3.0);
+    dynamics.supports[0].rest = vec![0.1; dynamics.body.reference().len()];
+    let n = dynamics.body.reference().len();
+    let wave = |s: f64, size: f64| (0..n).map(|k| size * (s * k as f64).sin()).collect::<Vec<f64>>();
+    let mut now = at_rest(&dynamics);
+    (now.motion.u, now.motion.v, now.motion.a) = (wave(0.3, 0.1), wave(0.7, 0.05), wave(1.1, 0.02));
+    let (dt, u, d) = (1.3, wave(0.31, 0.12), wave(1.9, 1.0));
+    let at = |h: f64, p: f64| {
+        let mut c = Candidate { pressure_kpa: p, ..Candidate::default() };
+        c.motion.u = u.iter().zip(&d).map(|(u, d)| u + h * d).collect();
+        assert!(dynamics.complete(dt, &now, &mut c).volume_ratio > 0.3);
+        let (mut force, mut r) = (vec![0.0; n], vec![0.0; n]);
+        dynamics.residual(&now, &c, &mut force, &mut r);
+        (c, r)
+    };
+    let (candidate, residual) = at(0.0, 0.0);
+    let (mut force, mut r, mut got) = (vec![0.0; n], vec![0.0; n], vec![0.0; n]);
+    let mut tangent = dynamics.body.new_tangent();
+    dynamics.linearise(dt, &now, &candidate, &mut force, &mut r, &mut tangent);
+    assert!(r.iter().zip(&residual).all(|(a, b)| (a - b).abs() < 1e-9 * (1.0 + b.abs())));
+    tangent.multiply(dynamics.space(), &mut d.clone(), &mut got);
+    let (plus, minus) = (at(1e-6, 0.0).1, at(-1e-6, 0.0).1);
+    let scale = got.iter().fold(0.0_f64, |m, g| m.max(g.abs()));
+    for k in 0..n {
+        let slope = (plus[k] - minus[k]) / 2e-6;
+        assert!((got[k] - slope).abs() < 1e-6 * scale, "{k}: {} {slope}", got[k]);
+    }
+    let mut column = vec![];
+    dynamics.pressure_column(&candidate, &mut column);
+    let higher = at(0.0, 2.0).1;
+    let weight = 1.0 - dynamics.scheme.alpha_f;
+    for k in 0..n {
+        assert!((higher[k] - residual[k] - 2.0 * weight * column[k]).abs() < 1e-9);
+    }
+}
+
+/// Kinetic, strain and spring energy.
+fn energy(dynamics: &Dynamics, state: &State) -> f64 {
+    let kinetic: f64 = (dynamics.masses().iter().enumerate())
+        .map(|(n, m)| 0.5 * m * state.motion.v[3 * n..3 * n + 3].iter().map(|v| v * v).sum::<f64>())
+        .sum();
+    let mut spring = vec![0.0; state.motion.u.len()];
+    for s in &dynamics.supports {
+        s.robin.add_forces(0.5 * s.spring, &state.motion.u, &mut spring);
+    }
+    let stored: f64 = spring.iter().zip(&state.motion.u).map(|(f, u)| f * u).sum();
+    kinetic + stored + dynamics.body.strain_energy(&state.motion.u)
+}
+
+#[test]
+fn energy_stays_without_damping_and_work_is_stored_or_dissipated_with_it() {
+    // Undamped and at spectral radius one the energy of free vibration returns.
+    let free = block(1.0, Rayleigh::NONE, 0.0);
+    let mut start = at_rest(&free);
+    for v in start.motion.v.iter_mut().skip(2).step_by(3) {
+        *v = 0.05;
+    }
+    let states = run(&free, 60, 30.0, |_| 0.0, start);
+    let first = energy(&free, &states[0]);
+    for (k, s) in states.iter().enumerate() {
+        assert!((energy(&free, s) / first - 1.0).abs() < 0.01, "step {k}: {} of {first}", energy(&free, s));
+    }
+    // Damped: the work of the pressure is stored or dissipated; here by dashpots alone, whose power is known.
+    let damped = block(1.0, Rayleigh { mass_per_ms: 0.05, stiffness_ms: 0.0 }, 5.0);
+    let pulse = |t: f64| 0.5 * (std::f64::consts::PI * t / 20.0).sin().powi(2);
+    let states = run(&damped, 200, 20.0, pulse, at_rest(&damped));
+    let (mut work, mut lost) = (0.0, 0.0);
+    for pair in states.windows(2) {
+        let dt = 0.1;
+        let power = |s: &State| {
+            let n = s.motion.u.len();
+            let (mut push, mut brake) = (vec![0.0; n], vec![0.0; n]);
+            damped.cavity.as_ref().expect("made").add_forces(
+                s.pressure_kpa,
+                damped.body.reference(),
+                &s.motion.u,
+                &mut push,
+            );
+            damped.supports[0].robin.add_forces(damped.supports[0].dashpot, &s.motion.v, &mut brake);
+            for (node, m) in damped.masses().iter().enumerate() {
+                (3 * node..3 * node + 3).for_each(|i| brake[i] += 0.05 * m * s.motion.v[i]);
+            }
+            let along = |f: &[f64]| f.iter().zip(&s.motion.v).map(|(f, v)| f * v).sum::<f64>();
+            (-along(&push), along(&brake))
+        };
+        let ((w0, l0), (w1, l1)) = (power(&pair[0]), power(&pair[1]));
+        work += 0.5 * dt * (w0 + w1);
+        lost += 0.5 * dt * (l0 + l1);
+    }
+    let stored = energy(&damped, states.last().expect("the last"));
+    assert!(lost > 0.0 && work > 0.0);
+    assert!((work - stored - lost).abs() < 0.01 * work, "work {work}, stored {stored}, dissipated {lost}");
+}
+
+#[test]
+fn a_step_finds_the_pressure_for_a_volume_with_every_linear_solver() {
+    let dynamics = block(0.0, Rayleigh { mass_per_ms: 0.1, stiffness_ms: 0.1 }, 3.0);
+    let now = at_rest(&dynamics);
+    let volume = dynamics.cavity_volume(&now.motion.u);
+    let mut found = vec![];
+    for linear in [LinearSolver::BlockJacobi, LinearSolver::SymmetricSweep, LinearSolver::Direct] {
+        let settings =
+            StepSettings { linear, relative_tolerance: 1e-9, volume_tolerance_mm3: 1e-7, ..StepSettings::default() };
+        let mut candidate = Candidate::default();
+        dynamics.scheme.predict(1.0, &now.motion, &mut candidate.motion.u);
+        // A kink as a valve has it: above 0.2 kPa much less volume is left.
+        let mut balance = |p: f64| {
+            let below = (volume + 30.0 - 5.0 * p, -5.0);
+            Ok(if p < 0.2 { below } else { (below.0 - 4000.0 * (p - 0.2), -4005.0) })
+        };
+        let mut solver = Solver::new(&dynamics);
+        let (_, report) = step(
+            &dynamics,
+            &now,
+            1.0,
+            &mut candidate,
+            &mut Passive,
+            &mut Closure::Balance(&mut balance),
+            &mut solver,
+            &settings,
+        )
+        .expect("a step");
+        assert!(report.iterations <= 6, "{linear:?}: {report:?}");
+        let left = balance(candidate.pressure_kpa).expect("a volume").0;
+        assert!((dynamics.cavity_volume(&candidate.motion.u) - left).abs() < 1e-6, "{linear:?}");
+        found.push(candidate.pressure_kpa);
+    }
+    assert!(found[0] > 0.2, "beyond the kink: {found:?}");
+    assert!(found.iter().all(|p| (p - found[0]).abs() < 1e-6), "{found:?}");
+}

@@ -1,0 +1,170 @@
+//! The ventricle as an organ, on the coarsest generated mesh: step 0 and a beat with its circulation.
+
+use cardiotwin_mechanics::organ::passive_state::fit;
+use cardiotwin_mechanics::organ::{
+    Anatomy, ElementKind, FiniteElementVentricle, PassiveFit, PassiveState, UnloadingSettings, VentricleParts,
+    WallParameters,
+};
+use cardiotwin_mechanics::step::StepSettings;
+use cardiotwin_mesh::eikonal::{Conduction, ENDOCARDIAL_SPEED, Speeds, activation_ms};
+use cardiotwin_mesh::ellipsoid::{EllipsoidSpec, generate};
+use cardiotwin_mesh::fibres::{Angles, Longitudinal, fields, frames};
+use cardiotwin_mesh::{TetMesh, tags};
+use cardiotwin_models::beat::{BeatOutcome, BeatSettings, Beats, run_beats};
+use cardiotwin_models::circulation::windkessel::WindkesselParameters;
+use cardiotwin_models::circulation::{Circulation, LeftHeart, StartPressure};
+use cardiotwin_models::contraction::{Tanh, TanhParameters};
+use cardiotwin_models::ventricle::{GroupContraction, Ventricle, VentricleError};
+use cardiotwin_units::{Ml, MlPerMmhg, Mmhg, MmhgSPerMl, Ms};
+
+const MUSCLE: [i32; 1] = [tags::LEFT_VENTRICLE];
+
+/// A mesh of 500 nodes for 112 mL with fibres, and its activation times.
+fn heart() -> (TetMesh, Vec<f64>) {
+    let made = generate(&EllipsoidSpec::new(Ml(112.0), Ml(140.0), 500)).expect("a mesh");
+    let mut mesh = made.mesh;
+    let found = fields(&mesh, &MUSCLE, Longitudinal::FromBase).expect("fields");
+    mesh.frames = frames(&mesh, &MUSCLE, &found, &Angles::default());
+    let conduction = Conduction {
+        speeds: Speeds::default(),
+        endocardial_speed: Some(ENDOCARDIAL_SPEED),
+        tags: MUSCLE.to_vec(),
+        sites: made.shape.fascicles().to_vec(),
+    };
+    let times = activation_ms(&mesh, &conduction).expect("times");
+    (mesh, times)
+}
+
+fn circulation() -> Circulation {
+    let heart = LeftHeart {
+        left_atrial_pressure: Mmhg(9.0),
+        mitral_forward: LeftHeart::FORWARD,
+        mitral_backward: LeftHeart::BACKWARD,
+        aortic_forward: LeftHeart::FORWARD,
+        aortic_backward: LeftHeart::BACKWARD,
+        windkessel: WindkesselParameters {
+            characteristic_resistance: MmhgSPerMl(0.05),
+            peripheral_resistance: MmhgSPerMl(0.9),
+            compliance: MlPerMmhg(1.6),
+        },
+        start: StartPressure::DiastolicCuff(Mmhg(70.0)),
+        cycle_length: Ms(660.0),
+    };
+    heart.build().expect("a circulation")
+}
+
+fn ventricle(anatomy: &Anatomy, times: &[f64]) -> FiniteElementVentricle {
+    // Image, at 6 mmHg: diastasis.
+    let target = PassiveFit::Given { image_pressure_kpa: 0.8, end_diastolic_pressure_kpa: 1.6 };
+    let (end_diastole, wall) =
+        fit(anatomy, &WallParameters::default(), &target, &UnloadingSettings::default()).expect("a passive state");
+    let tanh = TanhParameters { t_cr_ms: 400.0, ..TanhParameters::default() };
+    let parts = VentricleParts {
+        anatomy,
+        wall: &wall,
+        end_diastole,
+        contraction: GroupContraction::tanh(Tanh::new(tanh).expect("parameters")),
+        activation_ms: times,
+        cycle_length: Ms(660.0),
+        pressure_terms: vec![],
+        settings: StepSettings::default(),
+    };
+    FiniteElementVentricle::new(parts).expect("a ventricle")
+}
+
+#[test]
+fn unloading_finds_the_geometry_that_was_inflated_to_the_image() {
+    let (mesh, _) = heart();
+    let settings = UnloadingSettings::default();
+    for kind in [ElementKind::LINEAR_NODAL, ElementKind::LINEAR_POINTWISE] {
+        let known = Anatomy::of(&mesh, &MUSCLE, kind).expect("an anatomy");
+        let wall = WallParameters::default();
+        let mut inflated = PassiveState::unloaded_image(&known, &wall).expect("a wall");
+        inflated.inflate(1.2, &settings).expect("inflates");
+        let mut image = mesh.clone();
+        for (x, u) in image.nodes_mm.iter_mut().zip(inflated.u.as_chunks::<3>().0) {
+            (0..3).for_each(|i| x[i] += u[i]);
+        }
+        let mut anatomy = Anatomy::of(&image, &MUSCLE, kind).expect("an anatomy");
+        // Fibres as the inflation carried them along.
+        anatomy.frames = known.frames_at(&image.nodes_mm);
+        let mut state = PassiveState::unloaded_image(&anatomy, &wall).expect("a wall");
+        state.unload(&anatomy, &wall, 1.2, &settings).expect("unloads");
+        let farthest = (state.unloaded().iter().zip(&mesh.nodes_mm))
+            .map(|(a, b)| (0..3).map(|i| (a[i] - b[i]).powi(2)).sum::<f64>().sqrt())
+            .fold(0.0, f64::max);
+        // The rim's springs rest in the image: a rigid motion of this size is all that the two differ by.
+        assert!(farthest < 0.5, "{kind:?}: {farthest} mm");
+        let known_ml = inflated.unloaded_volume_mm3() * 1e-3;
+        let found_ml = state.unloaded_volume_mm3() * 1e-3;
+        assert!((found_ml / known_ml - 1.0).abs() < 5e-3, "{kind:?}: {found_ml} for {known_ml} mL");
+    }
+}
+
+#[test]
+fn stiffness_and_unloaded_state_meet_image_and_end_diastole() {
+    let (mesh, _) = heart();
+    let anatomy = Anatomy::of(&mesh, &MUSCLE, ElementKind::LINEAR_NODAL).expect("an anatomy");
+    let target = PassiveFit::EndDiastole {
+        image_pressure_kpa: 0.8,
+        end_diastolic_pressure_kpa: 1.6,
+        end_diastolic_volume_mm3: 122e3,
+    };
+    let (state, wall) =
+        fit(&anatomy, &WallParameters::default(), &target, &UnloadingSettings::default()).expect("a passive state");
+    assert!((state.volume_mm3() / 122e3 - 1.0).abs() < 1e-3, "{} mm³", state.volume_mm3());
+    assert!((wall.muscle.c_kpa - state.stiffness_kpa).abs() < 1e-12);
+    assert!(state.unloaded_volume_mm3() < 112e3);
+    let klotz = PassiveFit::Unloaded { end_diastolic_pressure_kpa: 1.6, unloaded_volume_mm3: 90e3 };
+    let (state, _) =
+        fit(&anatomy, &WallParameters::default(), &klotz, &UnloadingSettings::default()).expect("a passive state");
+    assert!((state.volume_mm3() / 112e3 - 1.0).abs() < 1e-3, "the image is end-diastole: {} mm³", state.volume_mm3());
+}
+
+#[test]
+fn a_beat_ends_balances_its_volumes_and_goes_on_from_a_snapshot() {
+    let (mesh, times) = heart();
+    let anatomy = Anatomy::of(&mesh, &MUSCLE, ElementKind::LINEAR_NODAL).expect("an anatomy");
+    let mut whole = ventricle(&anatomy, &times);
+    let mut blood = circulation();
+    let settings = BeatSettings {
+        cycle_length: Ms(660.0),
+        beats: Beats::Exactly(1),
+        record_nodes: true,
+        ..BeatSettings::one_beat(Ms(660.0))
+    };
+    let BeatOutcome::Finished(result) = run_beats(&mut whole, &mut blood, &settings) else {
+        panic!("the beat diverged")
+    };
+    assert!(result.succeeded(), "{:?}", result.checks);
+    let work = whole.work();
+    assert!(work.newton_iterations as f64 <= 2.5 * work.steps as f64, "{work:?}");
+    let nodes = result.traces.nodes.as_ref().expect("recorded");
+    assert!((nodes.weights.iter().sum::<f64>() - 1.0).abs() < 1e-12);
+    assert!(nodes.lambda[..nodes.n_nodes].iter().all(|l| (l - 1.0).abs() < 1e-9), "one in end-diastole");
+    assert!(nodes.lambda.iter().copied().fold(1.0, f64::min) < 0.95, "the wall shortens");
+
+    // Cut in two by a snapshot the beat is the same.
+    let half = |ventricle: &mut FiniteElementVentricle, blood: &mut Circulation, n: usize| {
+        for _ in 0..n {
+            ventricle.try_step(blood, Ms(1.0)).expect("a step");
+            ventricle.commit();
+            blood.commit();
+        }
+        (ventricle.volume().0, ventricle.pressure().0)
+    };
+    let mut first = ventricle(&anatomy, &times);
+    let mut blood = circulation();
+    half(&mut first, &mut blood, 60);
+    first.forget_solver();
+    let (wall, load) = (first.snapshot(), blood.snapshot());
+    let uninterrupted = half(&mut first, &mut blood, 30);
+    let mut second = ventricle(&anatomy, &times);
+    let mut other = circulation();
+    second.restore(&wall).expect("its own snapshot");
+    other.restore(&load).expect("its own snapshot");
+    assert_eq!(half(&mut second, &mut other, 30), uninterrupted);
+    let mut foreign = wall;
+    foreign.values.pop();
+    assert!(matches!(second.restore(&foreign), Err(VentricleError::ForeignSnapshot { .. })));
+}
