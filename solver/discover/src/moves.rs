@@ -43,7 +43,8 @@ impl Search<'_> {
         }
         let same = |fit: &Fit| {
             let (mut a, mut b) = (fit.structure.terms.clone(), fits[0].1.structure.terms.clone());
-            (a.sort_unstable(), b.sort_unstable());
+            a.sort_unstable();
+            b.sort_unstable();
             a == b
         };
         let known: Vec<(Nameless, Fit)> = (levels.iter())

@@ -62,10 +62,13 @@ impl GroupContraction {
     }
 }
 
+/// Model, calcium and start state of one node.
+pub type NodeContraction = (Box<dyn Contraction>, Option<Arc<dyn Calcium>>, Vec<f64>);
+
 impl GroupContraction {
     /// Model, calcium and start state of one node: for a ventricle with nodes of its own.
     #[must_use]
-    pub fn into_parts(self) -> (Box<dyn Contraction>, Option<Arc<dyn Calcium>>, Vec<f64>) {
+    pub fn into_parts(self) -> NodeContraction {
         (self.model, self.calcium, self.start_state)
     }
 

@@ -61,7 +61,7 @@ fn caps_that_hang_on_the_rim_take_the_resultant_away() {
     }
     // At rest the lid of area one pulls its ring by the pressure, evenly over the four corners.
     let mut force = vec![0.0; 24];
-    cavity.add_forces(3.0, &nodes, &vec![0.0; 24], &mut force);
+    cavity.add_forces(3.0, &nodes, &[0.0; 24], &mut force);
     let ring: f64 = [0, 1, 2, 3].iter().map(|n| force[3 * n + 2]).sum();
     let wall_alone: f64 = [4, 5, 6, 7].iter().map(|n| force[3 * n + 2]).sum();
     assert!((ring + wall_alone).abs() < 1e-14 && (ring - 3.0).abs() < 1e-13, "{ring} {wall_alone}");
