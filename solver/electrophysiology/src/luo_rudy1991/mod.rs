@@ -141,7 +141,7 @@ impl Parameters {
     }
 }
 
-/// d[Ca]/dt, mM/ms, with the slow inward current in µA/cm².
+/// d`Ca`/dt, mM/ms, with the slow inward current in µA/cm².
 fn calcium_slope(ca_mm: f64, i_si: f64) -> f64 {
     -1e-4 * i_si + 0.07 * (1e-4 - ca_mm)
 }
