@@ -69,7 +69,7 @@ impl TaskSpec {
     pub fn model_version(&self) -> u32 {
         match self {
             Self::CellFit(_) => 3,
-            Self::Discover(_) => 2,
+            Self::Discover(_) => 3,
             Self::PassiveState(_) | Self::OrganBeat(_) | Self::Targets(_) | Self::CellSweep(_) | Self::Noop(_) => 1,
         }
     }

@@ -5,18 +5,18 @@ use crate::calibration::Calibration;
 use crate::confusion::{SEPARABLE, confusables, rivals};
 use crate::fit::Fit;
 use crate::forward::Forward;
-use crate::held_out::{gap, held_out};
+use crate::held_out::gap;
 use crate::least_squares::Settings as FitSettings;
 use crate::level::{Level, Search};
 use crate::locate::locate;
 use crate::measured::{Measured, MeasuredError};
-use crate::moves::Loss;
 use crate::nameless::{Nameless, Views, Wide};
 use crate::noise::Tolerance;
 use crate::ranked::{not_identifiable, ranked_effects};
 use crate::result::{Discovery, Unexplained};
 use crate::search::fit_base;
 use crate::series::Series;
+use crate::stepwise::{Found, find};
 use crate::unexplained::depends_on;
 use std::collections::BTreeMap;
 
@@ -75,54 +75,6 @@ pub enum DiscoverError {
     NoBaseFit,
 }
 
-/// How much of the ranking is tried in the place of an accepted effect.
-const N_SWAPS: usize = 4;
-
-/// What the search ends with.
-struct Found {
-    levels: Vec<Level>,
-    current: Wide,
-    /// What is lost with each accepted effect, the largest first.
-    losses: Vec<Loss>,
-}
-
-/// Adds, exchanges and removes effects.
-fn find(search: &Search<'_>, base: &Fit) -> Found {
-    let mut levels: Vec<Level> = Vec::new();
-    let mut current = Wide { fits: vec![(Nameless::Nothing, base.clone())] };
-    let mut unnamed: Vec<Nameless> = Vec::new();
-    loop {
-        let level = search.level(current.plain(), levels.len() as u64);
-        unnamed.extend(level.wide.fits.iter().map(|(kind, _)| *kind).filter(|k| matches!(k, Nameless::Unnamed(_))));
-        unnamed.dedup();
-        current = level.wide.clone();
-        let n_terms = current.plain().structure.terms.len();
-        let next = search.next(&level).filter(|_| n_terms < search.settings.max_effects);
-        let next = next.and_then(|term| level.with[term].clone());
-        levels.push(level);
-        let Some(next) = next else { break };
-        current = next;
-        if n_terms > 0 {
-            let alternatives: Vec<usize> =
-                search.ranking(&levels[0]).iter().take(N_SWAPS + 1).map(|(term, _)| *term).collect();
-            current = search.exchanged(&current, &alternatives, &unnamed).unwrap_or(current);
-        }
-    }
-    // A later effect may have taken over what an earlier one was added for.
-    let threshold = search.threshold(&levels[0]);
-    loop {
-        let mut losses = search.losses(&current, &levels);
-        let kept = |loss: &Loss| {
-            let nameless = loss.without.plain().evidence - loss.without.evidence();
-            search.enough((loss.plain, loss.robust, nameless), threshold)
-        };
-        match losses.iter().rposition(|loss| !kept(loss)) {
-            Some(at) => current = losses.swap_remove(at).without,
-            None => return Found { levels, current, losses },
-        }
-    }
-}
-
 /// Finds what a patient's data miss in a model.
 ///
 /// # Errors
@@ -136,9 +88,10 @@ pub fn discover(measured: &Measured, forward: &dyn Forward, settings: &Settings)
     let search = Search { views: &views, forward, settings, among };
     let problem = search.plain();
     let base = fit_base(&problem, &settings.fit).ok_or(DiscoverError::NoBaseFit)?;
-    let Found { levels, current, losses } = find(&search, &base);
-    let base = levels[0].wide.plain().clone();
+    let Found { levels, current, losses, held_out: (held_before, held_after), n_evaluations_left } =
+        find(&search, &base);
     let current = current.plain().clone();
+    let base = if losses.is_empty() { current.clone() } else { levels[0].wide.plain().clone() };
     let nameless = levels[0].wide.nameless();
     let accepted: Vec<usize> = losses.iter().map(|loss| loss.term).collect();
     let beat_of = |fit: &Fit| problem.predict(&fit.structure, &fit.values(), Some(&fit.minimum.warm));
@@ -147,11 +100,8 @@ pub fn discover(measured: &Measured, forward: &dyn Forward, settings: &Settings)
     // Traces are compared as measured, small errors of the calibration included.
     let calibration = Calibration::of(data, &after);
     let (seen_before, seen_after) = (Calibration::of(data, &before).apply(&before), calibration.apply(&after));
-    let held_before = held_out(&problem, &base, &settings.fit);
-    let held_after =
-        if accepted.is_empty() { held_before.clone() } else { held_out(&problem, &current, &settings.fit) };
-
     let n_evaluations = base.n_evaluations
+        + n_evaluations_left
         + levels.iter().map(Level::n_evaluations).sum::<usize>()
         + losses.iter().flat_map(|l| &l.without.fits).map(|(_, f)| f.n_evaluations).sum::<usize>();
     let effects = ranked_effects(&search, &levels, &current, &losses);

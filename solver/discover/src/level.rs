@@ -50,6 +50,11 @@ impl Level {
         of(&self.wide) + self.with.iter().flatten().map(of).sum::<usize>()
     }
 
+    /// Competitors that are candidates which may not be named.
+    pub fn unnamed(&self) -> impl Iterator<Item = Nameless> {
+        self.wide.fits.iter().map(|(kind, _)| *kind).filter(|kind| matches!(kind, Nameless::Unnamed(_)))
+    }
+
     /// Evidence for a candidate, no competitor on either side.
     #[must_use]
     pub fn gain(&self, term: usize) -> Option<f64> {
@@ -239,10 +244,11 @@ impl Search<'_> {
     /// - `plain`: without competitor on either side
     /// - `robust`: with the best on either side
     /// - `nameless`: of the best competitor in the effect's place
+    /// - `threshold`: what any name needs
     #[must_use]
-    pub fn enough(&self, (plain, robust, nameless): (f64, f64, f64), threshold: f64) -> bool {
+    pub fn enough(&self, term: usize, (plain, robust, nameless): (f64, f64, f64), threshold: f64) -> bool {
         let wins = plain >= nameless && robust >= 0.0;
-        robust >= threshold || (plain >= threshold && (wins || robust >= BARE_MENTION))
+        plain >= threshold + self.forward.candidates()[term].look_alike && (wins || robust >= BARE_MENTION)
     }
 
     /// The best candidate that may be named, if its evidence is enough.
@@ -254,7 +260,7 @@ impl Search<'_> {
             .filter(|term| {
                 let nameless = level.wide.plain().evidence - level.wide.evidence();
                 let gains = level.gain(*term).zip(level.robust_gain(*term));
-                gains.is_some_and(|(plain, robust)| self.enough((plain, robust, nameless), threshold))
+                gains.is_some_and(|(plain, robust)| self.enough(*term, (plain, robust, nameless), threshold))
             })
     }
 }

@@ -4,7 +4,6 @@
 pub mod activation;
 pub mod bootstrap;
 pub mod calibration;
-pub mod cohort;
 pub mod confusion;
 pub mod decide;
 pub mod fit;
@@ -24,6 +23,7 @@ pub mod reduced;
 pub mod result;
 pub mod search;
 pub mod series;
+mod stepwise;
 pub mod unexplained;
 
 pub use decide::{DiscoverError, Settings, discover};

@@ -21,6 +21,15 @@ pub struct Loss {
     pub without: Wide,
 }
 
+/// Whether two fits have the same effects, in whatever order.
+#[must_use]
+pub fn same_terms(a: &Fit, b: &Fit) -> bool {
+    let (mut a, mut b) = (a.structure.terms.clone(), b.structure.terms.clone());
+    a.sort_unstable();
+    b.sort_unstable();
+    a == b
+}
+
 impl Search<'_> {
     /// Refits what remains without one of the terms of a fit.
     fn without(&self, kind: Nameless, current: &Fit, term: usize) -> Option<Fit> {
@@ -41,14 +50,8 @@ impl Search<'_> {
         if fits.first().is_none_or(|(kind, _)| *kind != Nameless::Nothing) {
             return None;
         }
-        let same = |fit: &Fit| {
-            let (mut a, mut b) = (fit.structure.terms.clone(), fits[0].1.structure.terms.clone());
-            a.sort_unstable();
-            b.sort_unstable();
-            a == b
-        };
         let known: Vec<(Nameless, Fit)> = (levels.iter())
-            .filter(|level| same(level.wide.plain()))
+            .filter(|level| same_terms(level.wide.plain(), &fits[0].1))
             .flat_map(|level| level.wide.fits.iter().filter(|(kind, _)| *kind != Nameless::Unnamed(term)).cloned())
             .collect();
         for (kind, fit) in known {

@@ -24,6 +24,10 @@ const BEATS: usize = 25;
 /// Kaplan 2002, J Am Coll Cardiol 39:1890); among those with a congenital disease of the heart it is not.
 const RARE: (&str, f64) = ("ventricular_septal_defect", -2.2);
 
+/// What the gap between two formulations of a heart that lacks nothing looks like, and the evidence that this is worth: of the
+/// 44 nulls of the other formulation (`validation --seed 1`) these two, and hardly any other, were named beyond the wanted share without it.
+const LOOK_ALIKE: [(&str, f64); 2] = [("dyssynchrony", 4.0), ("passive_stiffening", 4.0)];
+
 /// Base parameters, by name, in the order of all value lists.
 pub const BASE: [&str; 19] = [
     "left_atrial_pressure_mmHg",
@@ -80,7 +84,7 @@ fn base_priors(m: &Measured) -> Vec<Parameter> {
         log(BASE[1], (0.7 * v_max, 1.4 * v_max), v_max, 0.1),
         plain(BASE[2], (0.08, 0.65), 0.38, 0.13),
         log(BASE[3], (1.0, 60.0), 12.0, 0.5),
-        log(BASE[4], (3.0, 14.0), DEFAULT_EXPONENT, 0.12),
+        log(BASE[4], (3.0, 18.0), DEFAULT_EXPONENT, 0.18),
         log(BASE[5], (0.6 * wall.value, 1.6 * wall.value), wall.value, wall_sd),
         log(BASE[6], (0.005, 0.2), 0.045, 0.5),
         log(BASE[7], (0.3 * resistance, 3.0 * resistance), resistance, 0.3),
@@ -93,7 +97,7 @@ fn base_priors(m: &Measured) -> Vec<Parameter> {
         log(BASE[14], (8.0, 300.0), 45.0, 0.6),
         log(BASE[15], (150.0, 0.95 * m.cycle_ms), 0.3 * m.cycle_ms + 90.0, 0.2),
         plain(BASE[16], (0.0, 140.0), 15.0, 15.0),
-        plain(BASE[17], (10.0, 70.0), 40.0, 8.0),
+        plain(BASE[17], (10.0, 100.0), 40.0, 13.0),
         plain(BASE[18], (0.3, 0.85), 0.67, 0.1),
     ]
 }
@@ -137,6 +141,7 @@ fn candidate(effect: &'static Effect) -> Candidate {
         confused_with: effect.confused_with.iter().map(|s| (*s).to_owned()).collect(),
         separated_by: effect.separated_by.iter().map(|s| (*s).to_owned()).collect(),
         log_prior: if effect.name == RARE.0 { RARE.1 } else { 0.0 },
+        look_alike: LOOK_ALIKE.iter().find(|(name, _)| *name == effect.name).map_or(0.0, |(_, evidence)| *evidence),
         hidden_because: effect.hidden_because.map(str::to_owned),
     }
 }

@@ -55,6 +55,8 @@ pub fn add_term(problem: &Problem<'_>, without: &Fit, term: usize, settings: &Se
     let mut starts: Vec<(f64, &Vec<f64>)> = candidate.starts.iter().map(|values| (1.0, values)).collect();
     if bent {
         starts.extend(candidate.starts.iter().map(|values| (UNBENT, values)));
+        // The prior's mean has a beat where the way to it may have none.
+        starts.extend(candidate.starts.iter().map(|values| (0.0, values)));
     }
     let tries: Vec<Option<Fit>> = starts
         .par_iter()

@@ -8,7 +8,6 @@
 mod load;
 mod score;
 
-use cardiotwin_discover::cohort::PooledEffect;
 use cardiotwin_discover::{Discovery, Reduced, Settings, discover};
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -114,13 +113,7 @@ fn run() -> Result<(), String> {
         results.push((id.clone(), found));
     }
     eprintln!("{} cases in {:.0} s, the slowest {slowest:.1} s", ids.len(), start.elapsed().as_secs_f64());
-    if labels.is_empty() {
-        for pooled in cardiotwin_discover::cohort::pool(results.iter().map(|(_, found)| found)) {
-            let PooledEffect { name, accepted_in, tried_in, log_evidence, of_the_model } = pooled;
-            let fault = if of_the_model { "  of the model" } else { "" };
-            eprintln!("{name:28} accepted in {accepted_in} of {tried_in}, pooled evidence {log_evidence:7.1}{fault}");
-        }
-    } else {
+    if !labels.is_empty() {
         eprint!("{}", score::table(&results, &labels));
     }
     Ok(())

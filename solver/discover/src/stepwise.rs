@@ -1,0 +1,113 @@
+//! The search over structures: effects are added, exchanged and taken out until the data ask for no further change.
+
+use crate::fit::Fit;
+use crate::held_out::{HeldOut, held_out};
+use crate::level::{Level, Search};
+use crate::moves::{Loss, same_terms};
+use crate::nameless::{Nameless, Wide};
+use crate::search::RISE;
+
+/// How much of the ranking is tried in the place of an accepted effect.
+const N_SWAPS: usize = 4;
+/// How often the search goes on from what is left after effects were taken out.
+const RETURNS: usize = 2;
+/// Effects with which the gap on data held out is larger than without, by more than this factor, were fitted to chance.
+const HELD_OUT_RISE: f64 = 1.02;
+
+/// What the search ends with.
+pub(crate) struct Found {
+    /// One for each number of effects, the base first.
+    pub levels: Vec<Level>,
+    /// The structure.
+    pub current: Wide,
+    /// What is lost with each accepted effect, the largest first.
+    pub losses: Vec<Loss>,
+    /// Predictions for data held out, without and with the effects.
+    pub held_out: (Option<HeldOut>, Option<HeldOut>),
+    /// Evaluations of levels that were left.
+    pub n_evaluations_left: usize,
+}
+
+/// Adds, exchanges and removes effects, and goes on from what is left where that is new or better fitted than before.
+pub(crate) fn find(search: &Search<'_>, base: &Fit) -> Found {
+    let mut levels: Vec<Level> = Vec::new();
+    let mut start = base.clone();
+    let mut n_evaluations_left = 0;
+    for returns in 0.. {
+        let grown = grow(search, &mut levels, start);
+        let Pruned { left, losses, held_out } = prune(search, &levels, grown);
+        let n_terms = left.plain().structure.terms.len();
+        let known = levels.iter().find(|level| same_terms(level.wide.plain(), left.plain()));
+        let dropped = levels.last().is_some_and(|level| level.wide.plain().structure.terms.len() > n_terms);
+        let better = known.is_none_or(|level| left.plain().deviance < level.wide.plain().deviance - RISE);
+        if !dropped || !better || returns == RETURNS {
+            return Found { levels, current: left, losses, held_out, n_evaluations_left };
+        }
+        n_evaluations_left += levels.drain(n_terms..).map(|level| level.n_evaluations()).sum::<usize>();
+        start = left.plain().clone();
+    }
+    unreachable!("the loop returns")
+}
+
+/// Adds effects to a fit, and exchanges them, as long as the data ask for more; one level for each number of effects.
+fn grow(search: &Search<'_>, levels: &mut Vec<Level>, start: Fit) -> Wide {
+    let mut current = Wide { fits: vec![(Nameless::Nothing, start)] };
+    let mut unnamed: Vec<Nameless> = levels.iter().flat_map(Level::unnamed).collect();
+    loop {
+        let level = search.level(current.plain(), levels.len() as u64);
+        unnamed.extend(level.unnamed());
+        unnamed.dedup();
+        current = level.wide.clone();
+        let n_terms = current.plain().structure.terms.len();
+        let next = search.next(&level).filter(|_| n_terms < search.settings.max_effects);
+        let next = next.and_then(|term| level.with[term].clone());
+        levels.push(level);
+        let Some(next) = next else { return current };
+        current = next;
+        if n_terms > 0 {
+            let alternatives: Vec<usize> =
+                search.ranking(&levels[0]).iter().take(N_SWAPS + 1).map(|(term, _)| *term).collect();
+            current = search.exchanged(&current, &alternatives, &unnamed).unwrap_or(current);
+        }
+    }
+}
+
+/// A structure of which nothing can be taken out.
+struct Pruned {
+    left: Wide,
+    losses: Vec<Loss>,
+    held_out: (Option<HeldOut>, Option<HeldOut>),
+}
+
+/// Takes out what is not missed (a later effect may have taken over what an earlier one was added for) and what data
+/// held out do not confirm, the least first.
+fn prune(search: &Search<'_>, levels: &[Level], mut current: Wide) -> Pruned {
+    let threshold = search.threshold(&levels[0]);
+    let predict = |fit: &Fit| held_out(&search.plain(), fit, &search.settings.fit);
+    let mut before = None;
+    loop {
+        let mut losses = search.losses(&current, levels);
+        let kept = |loss: &Loss| {
+            let nameless = loss.without.plain().evidence - loss.without.evidence();
+            search.enough(loss.term, (loss.plain, loss.robust, nameless), threshold)
+        };
+        if let Some(at) = losses.iter().rposition(|loss| !kept(loss)) {
+            current = losses.swap_remove(at).without;
+            continue;
+        }
+        if losses.is_empty() {
+            let held = predict(current.plain());
+            return Pruned { left: current, losses, held_out: (held.clone(), held) };
+        }
+        let without = before.get_or_insert_with(|| predict(levels[0].wide.plain())).clone();
+        let with = predict(current.plain());
+        let confirmed = with.as_ref().zip(without.as_ref()).is_none_or(|(a, b)| a.gap <= HELD_OUT_RISE * b.gap);
+        match losses.pop() {
+            Some(least) if !confirmed => current = least.without,
+            least => {
+                losses.extend(least);
+                return Pruned { left: current, losses, held_out: (without, with) };
+            }
+        }
+    }
+}
