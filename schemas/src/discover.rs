@@ -37,6 +37,9 @@ pub struct DiscoverSpec {
     /// Filling pressure that the patient file states.
     #[serde(default, rename = "left_atrial_pressure_mmHg", skip_serializing_if = "Option::is_none")]
     pub left_atrial_pressure_mmhg: Option<f64>,
+    /// Windkessel that the patient file states.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub afterload: Option<WindkesselParameters>,
     /// Candidates by their names in the catalogue; the whole catalogue when empty.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub effects: Vec<String>,

@@ -70,6 +70,19 @@ impl SideData {
     }
 }
 
+/// Loads that the patient file gives: fitted all the same, but within their uncertainty.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+pub struct GivenLoads {
+    /// Filling pressure \[mmHg\].
+    pub left_atrial_pressure: Option<Uncertain>,
+    /// R1 \[mmHg s/mL\].
+    pub characteristic_resistance: Option<Uncertain>,
+    /// R2 \[mmHg s/mL\].
+    pub peripheral_resistance: Option<Uncertain>,
+    /// C \[mL/mmHg\].
+    pub compliance: Option<Uncertain>,
+}
+
 /// One patient's data: a steady beat of pressure and volume.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Measured {
@@ -89,6 +102,9 @@ pub struct Measured {
     pub side: SideData,
     /// Wall volume \[mL\].
     pub wall_volume: Uncertain,
+    /// Loads known beforehand.
+    #[serde(default)]
+    pub given: GivenLoads,
 }
 
 /// What is wrong with the data.

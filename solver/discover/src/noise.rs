@@ -367,6 +367,7 @@ mod tests {
             },
             side: SideData::default(),
             wall_volume: Uncertain { value: 120.0, sd: 6.0 },
+            given: Default::default(),
         }
     }
 

@@ -68,7 +68,21 @@ fn plain(name: &str, (lower, upper): (f64, f64), mean: f64, sd: f64) -> Paramete
     Parameter { name: name.to_owned(), lower, upper, mean: mean.clamp(lower, upper), sd, log: false }
 }
 
-/// Priors of the base: weak, around what the data's extremes and textbook values suggest.
+/// A prior that becomes as narrow as what is given of the parameter.
+fn given(prior: Parameter, value: Option<Uncertain>) -> Parameter {
+    match value {
+        Some(given) if given.value > 0.0 => Parameter {
+            lower: prior.lower.min(0.8 * given.value),
+            upper: prior.upper.max(1.25 * given.value),
+            mean: given.value,
+            sd: prior.sd.min(given.sd / given.value),
+            ..prior
+        },
+        _ => prior,
+    }
+}
+
+/// Priors of the base: weak, around what the data's extremes and textbook values suggest, narrower for what is given.
 fn base_priors(m: &Measured) -> Vec<Parameter> {
     let range = |v: &[f64]| v.iter().fold((f64::MAX, f64::MIN), |(l, h), x| (l.min(*x), h.max(*x)));
     let (v_min, v_max) = range(&m.frame_volume_ml);
@@ -80,15 +94,15 @@ fn base_priors(m: &Measured) -> Vec<Parameter> {
     let wall = m.wall_volume;
     let wall_sd = wall.sd / wall.value;
     vec![
-        log(BASE[0], (3.0, 40.0), 11.0, 0.4),
+        given(log(BASE[0], (3.0, 40.0), 11.0, 0.4), m.given.left_atrial_pressure),
         log(BASE[1], (0.7 * v_max, 1.4 * v_max), v_max, 0.1),
         plain(BASE[2], (0.08, 0.65), 0.38, 0.13),
         log(BASE[3], (1.0, 60.0), 12.0, 0.5),
         log(BASE[4], (3.0, 18.0), DEFAULT_EXPONENT, 0.18),
         log(BASE[5], (0.6 * wall.value, 1.6 * wall.value), wall.value, wall_sd),
-        log(BASE[6], (0.005, 0.2), 0.045, 0.5),
-        log(BASE[7], (0.3 * resistance, 3.0 * resistance), resistance, 0.3),
-        log(BASE[8], (0.2, 6.0), 1.4, 0.5),
+        given(log(BASE[6], (0.005, 0.2), 0.045, 0.5), m.given.characteristic_resistance),
+        given(log(BASE[7], (0.3 * resistance, 3.0 * resistance), resistance, 0.3), m.given.peripheral_resistance),
+        given(log(BASE[8], (0.2, 6.0), 1.4, 0.5), m.given.compliance),
         log(BASE[9], (0.001, 0.015), 0.006, 0.4),
         log(BASE[10], (0.003, 0.12), 0.03, 0.5),
         log(BASE[11], (20.0, 500.0), 80.0, 0.5),

@@ -2,7 +2,7 @@
 
 use cardiotwin_discover::forward::{Forward, Prediction, Request};
 use cardiotwin_discover::locate::Phases;
-use cardiotwin_discover::measured::{Cuff, Measured, SideData, StatedNoise, Uncertain, WholeHeart};
+use cardiotwin_discover::measured::{Cuff, GivenLoads, Measured, SideData, StatedNoise, Uncertain, WholeHeart};
 use cardiotwin_discover::noise::Tolerance;
 use cardiotwin_discover::problem::Data;
 use cardiotwin_discover::{Discovery, Reduced, Settings, discover};
@@ -34,6 +34,7 @@ fn template() -> Measured {
             whole_heart: Some(WholeHeart { time_ms: 700.0, volume: known(115.0, 4.0) }),
         },
         wall_volume: known(115.0, 5.75),
+        given: GivenLoads::default(),
     }
 }
 
@@ -89,6 +90,21 @@ fn search(measured: &Measured) -> Discovery {
     let effects = ["atrial_kick", "mitral_regurgitation", "delayed_relaxation", "pressure_offset"];
     let settings = Settings { effects: effects.map(str::to_owned).to_vec(), ..Settings::default() };
     discover(measured, &Reduced::new(measured), &settings).unwrap()
+}
+
+#[test]
+fn loads_that_are_given_narrow_their_priors() {
+    let mut measured = template();
+    let prior = |measured: &Measured, name: &str| {
+        Reduced::new(measured).base().iter().find(|p| p.name == name).cloned().expect("a base parameter")
+    };
+    let usual = prior(&measured, "compliance_mL_per_mmHg");
+    // Beyond the usual bounds, and known to a tenth.
+    measured.given.compliance = Some(Uncertain { value: 7.0, sd: 0.7 });
+    let given = prior(&measured, "compliance_mL_per_mmHg");
+    assert!(usual.upper < 7.0 && given.upper > 7.0 && given.lower <= usual.lower);
+    assert!((given.mean - 7.0).abs() < 1e-12 && (given.sd - 0.1).abs() < 1e-12 && usual.sd > 0.1);
+    assert_eq!(prior(&measured, "left_atrial_pressure_mmHg"), prior(&template(), "left_atrial_pressure_mmHg"));
 }
 
 #[test]

@@ -1,6 +1,6 @@
 //! Cases and labels from files.
 
-use cardiotwin_discover::measured::{Cuff, Measured, SideData, StatedNoise, Uncertain, WholeHeart};
+use cardiotwin_discover::measured::{Cuff, GivenLoads, Measured, SideData, StatedNoise, Uncertain, WholeHeart};
 use std::collections::BTreeMap;
 use std::path::Path;
 use toml::Value;
@@ -89,6 +89,8 @@ pub fn measured(folder: &Path) -> Result<Measured, String> {
     };
     let volume = |key: &str| uncertain(get(&["measured", key, "volume_mL"]), get(&["measured", key, "sd_mL"]));
     let wall = need(&["anatomy", "wall_volume_mL"])?;
+    // As uncertain as the command takes them.
+    let given = |keys: &[&str], share: f64| get(keys).map(|value| Uncertain { value, sd: share * value });
     Ok(Measured {
         cycle_ms: need(&["cycle_length_ms"])?,
         pressure_time_ms,
@@ -110,6 +112,12 @@ pub fn measured(folder: &Path) -> Result<Measured, String> {
                 .map(|(time_ms, volume)| WholeHeart { time_ms, volume }),
         },
         wall_volume: Uncertain { value: wall, sd: 0.05 * wall },
+        given: GivenLoads {
+            left_atrial_pressure: given(&["preload", "left_atrial_pressure_mmHg"], 0.25),
+            characteristic_resistance: given(&["afterload", "characteristic_resistance_mmHg_s_per_mL"], 0.3),
+            peripheral_resistance: given(&["afterload", "peripheral_resistance_mmHg_s_per_mL"], 0.1),
+            compliance: given(&["afterload", "compliance_mL_per_mmHg"], 0.15),
+        },
     })
 }
 

@@ -4,7 +4,7 @@ use cardiotwin_discover::Reduced;
 use cardiotwin_discover::fit::Fit;
 use cardiotwin_discover::forward::Forward;
 use cardiotwin_discover::least_squares::Settings;
-use cardiotwin_discover::measured::{Cuff, Measured, SideData, StatedNoise, Uncertain, WholeHeart};
+use cardiotwin_discover::measured::{Cuff, GivenLoads, Measured, SideData, StatedNoise, Uncertain, WholeHeart};
 use cardiotwin_discover::noise::Tolerance;
 use cardiotwin_discover::problem::{Data, Problem};
 use cardiotwin_discover::search::{add_term, fit_base};
@@ -59,6 +59,7 @@ pub fn noise_free(case: &Case) -> Measured {
         },
         side: side(&case.clean_side),
         wall_volume: Uncertain { value: case.clean_side.wall_ml, sd: 0.05 * case.clean_side.wall_ml },
+        given: GivenLoads::default(),
     }
 }
 

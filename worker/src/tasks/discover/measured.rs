@@ -1,6 +1,6 @@
 //! A patient's data as the search takes them. What the file does not state gets a usual uncertainty.
 
-use cardiotwin_discover::measured::{Cuff, Measured, SideData, StatedNoise, Uncertain, WholeHeart};
+use cardiotwin_discover::measured::{Cuff, GivenLoads, Measured, SideData, StatedNoise, Uncertain, WholeHeart};
 use cardiotwin_schemas::biomarkers::Biomarkers;
 use cardiotwin_schemas::discover::DiscoverSpec;
 use cardiotwin_signals::resample::STEP;
@@ -23,6 +23,13 @@ const WALL_SD: f64 = 0.05;
 const WALL_SHARE: f64 = 0.75;
 /// Its relative standard deviation.
 const WALL_SHARE_SD: f64 = 0.2;
+
+/// Relative standard deviation of a filling pressure: one of two mmHg.
+const FILLING_PRESSURE_SD: f64 = 0.25;
+/// Relative standard deviations of a Windkessel determined beforehand, about those of the human record (docs/afterload.md).
+const CHARACTERISTIC_RESISTANCE_SD: f64 = 0.3;
+const PERIPHERAL_RESISTANCE_SD: f64 = 0.1;
+const COMPLIANCE_SD: f64 = 0.15;
 
 /// What was measured.
 pub struct Patient {
@@ -74,9 +81,24 @@ pub fn read(spec: &DiscoverSpec) -> Result<Patient, TaskError> {
             }),
         },
         wall_volume,
+        given: given_loads(spec),
     };
     data.validate().map_err(|error| TaskError::Discover(error.into()))?;
     Ok(Patient { data, pressure, volume })
+}
+
+/// Loads of the patient file, as uncertain as such measurements are.
+fn given_loads(spec: &DiscoverSpec) -> GivenLoads {
+    let around = |value: f64, share: f64| Some(Uncertain { value, sd: share * value });
+    let load = spec.afterload.as_ref();
+    GivenLoads {
+        left_atrial_pressure: spec.left_atrial_pressure_mmhg.and_then(|value| around(value, FILLING_PRESSURE_SD)),
+        characteristic_resistance: load
+            .and_then(|load| around(load.characteristic_resistance_mmhg_s_per_ml, CHARACTERISTIC_RESISTANCE_SD)),
+        peripheral_resistance: load
+            .and_then(|load| around(load.peripheral_resistance_mmhg_s_per_ml, PERIPHERAL_RESISTANCE_SD)),
+        compliance: load.and_then(|load| around(load.compliance_ml_per_mmhg, COMPLIANCE_SD)),
+    }
 }
 
 /// A stated level of zero says nothing.

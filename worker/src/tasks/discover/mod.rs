@@ -115,6 +115,7 @@ mod tests {
             diastasis: file.measured.diastasis,
             wall_volume_ml: file.anatomy.wall_volume_ml,
             left_atrial_pressure_mmhg: Some(8.0),
+            afterload: None,
             effects: vec!["pv_misalignment".to_owned(), "pressure_offset".to_owned()],
             seed: 1,
         }
