@@ -11,6 +11,8 @@ use rayon::prelude::*;
 
 /// Evidence below which one answer is not preferred to another: "not worth more than a bare mention" (Kass and Raftery 1995).
 pub const BARE_MENTION: f64 = 2.0;
+/// Evidence that an effect needs beside a competitor that explains more than it does: odds of 7 to 1.
+const BESIDE_BETTER: f64 = 4.0;
 /// Score below which a candidate is not fitted where it has been fitted without the competitor, or at an earlier level.
 const WORTH_A_FIT: f64 = -3.0;
 /// Candidates that are fitted with all competitors.
@@ -248,7 +250,7 @@ impl Search<'_> {
     #[must_use]
     pub fn enough(&self, term: usize, (plain, robust, nameless): (f64, f64, f64), threshold: f64) -> bool {
         let wins = plain >= nameless && robust >= 0.0;
-        plain >= threshold + self.forward.candidates()[term].look_alike && (wins || robust >= BARE_MENTION)
+        plain >= threshold + self.forward.candidates()[term].look_alike && (wins || robust >= BESIDE_BETTER)
     }
 
     /// The best candidate that may be named, if its evidence is enough.

@@ -23,8 +23,8 @@ const SHORT: [(&str, &str); 7] = [
     ("diastasis", "diastasis"),
     ("atrial_systole", "atrial"),
 ];
-/// Narrower phases get no words.
-const NARROW_SHARE: f64 = 0.07;
+/// Width of a character over that of the chart: phases too narrow for their words get none.
+const CHARACTER_SHARE: f64 = 0.0135;
 /// The band shows so many standard deviations of the noise.
 const BAND: f64 = 2.0;
 
@@ -117,7 +117,7 @@ fn phases(chart: &mut Chart, case: &DiscoverCase, named: bool) {
         // The phase that runs past the end of the cycle is named before it.
         let end = if next > phase.begin_ms { next } else { cycle };
         let short = SHORT.iter().find(|(name, _)| *name == phase.phase).map_or("", |(_, short)| short);
-        if named && end - phase.begin_ms > NARROW_SHARE * cycle {
+        if named && end - phase.begin_ms > CHARACTER_SHARE * short.len() as f64 * cycle {
             chart.marks.push(Mark::Words { from: phase.begin_ms, to: end, text: short.to_owned() });
         }
     }

@@ -163,7 +163,7 @@ pub fn pooled(cases: &DiscoverCases) -> Markup {
 pub fn filling(cases: &DiscoverCases) -> Markup {
     let one = |value: Option<f64>| html! { td.num { (fixed(value, 1)) } };
     scrolling(&html! { table {
-        caption { "With the filling pressure of the patient's file: the periodic beat's end-diastolic volume, and the volume in diastasis and atrial systole (mL)" }
+        caption { "End-diastolic volume and late filling of the periodic beat with the file's filling pressure (mL)" }
         thead { tr {
             th { "patient" } th { "measured" } th { "before" } th { "after" } th { "error before" } th { "error after" }
             th { "late filling, rms before" } th { "rms after" }
