@@ -54,11 +54,14 @@ JOBS ?= 2
 EXAMPLE := $(CARGO) run --release --locked --quiet --package cardiotwin-discover --example
 evaluate-discover: ## search the made patients of docs/missing-effects.md and draw its pictures (hours; goes on where it stopped)
 	$(EXAMPLE) validation -- $(EVALUATION)/other --nulls 40 --singles 64 --doubles 10 --off 6 --seed 2 --jobs $(JOBS)
-	$(EXAMPLE) validation -- $(EVALUATION)/same --model same --nulls 20 --singles 64 --seed 2 --jobs $(JOBS)
+	$(EXAMPLE) validation -- $(EVALUATION)/same --model same --nulls 20 --singles 32 --seed 2 --jobs $(JOBS)
+	$(EXAMPLE) validation -- $(EVALUATION)/nulls --nulls 40 --singles 0 --seed 4 --jobs $(JOBS)
 	$(EXAMPLE) evaluate -- $(EVALUATION)/other --out $(EVALUATION)/other.jsonl --jobs $(JOBS)
 	$(EXAMPLE) evaluate -- $(EVALUATION)/same --out $(EVALUATION)/same.jsonl --jobs $(JOBS)
+	$(EXAMPLE) evaluate -- $(EVALUATION)/nulls --out $(EVALUATION)/nulls.jsonl --jobs $(JOBS)
 	$(EXAMPLE) figures -- docs/images "another formulation=$(EVALUATION)/other=$(EVALUATION)/other.jsonl" \
-		"the fitted model=$(EVALUATION)/same=$(EVALUATION)/same.jsonl"
+		"the fitted model=$(EVALUATION)/same=$(EVALUATION)/same.jsonl" \
+		"nulls of another formulation=$(EVALUATION)/nulls=$(EVALUATION)/nulls.jsonl"
 
 RECORDS := examples/afterload
 afterload: build ## fit and search the measured records of examples/afterload; draws the pictures of docs/afterload.md

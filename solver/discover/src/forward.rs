@@ -64,8 +64,8 @@ pub struct Candidate {
     /// Twice the logarithm of how frequent it is against the others: decides between those that the data cannot tell apart.
     pub log_prior: f64,
     /// Evidence that it may have where nothing is missing, because the heart is of another formulation than the model: its
-    /// name needs that much more.
-    pub look_alike: f64,
+    /// name needs that much more. For a strength below and above its off-value.
+    pub look_alike: [f64; 2],
     /// Side data without which it is not to be seen.
     pub hidden_because: Option<String>,
 }

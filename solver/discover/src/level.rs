@@ -241,16 +241,26 @@ impl Search<'_> {
         list
     }
 
+    /// Evidence that the name of a term of a fit needs.
+    ///
+    /// - `threshold`: what any name needs
+    #[must_use]
+    pub fn needed(&self, fit: &Fit, term: usize, threshold: f64) -> f64 {
+        let candidate = &self.forward.candidates()[term];
+        let above = fit.values()[self.offset(fit, term)] > candidate.off;
+        threshold + candidate.look_alike[usize::from(above)]
+    }
+
     /// Whether the evidence for an effect is enough.
     ///
     /// - `plain`: without competitor on either side
     /// - `robust`: with the best on either side
     /// - `nameless`: of the best competitor in the effect's place
-    /// - `threshold`: what any name needs
+    /// - `needed`: what its name needs
     #[must_use]
-    pub fn enough(&self, term: usize, (plain, robust, nameless): (f64, f64, f64), threshold: f64) -> bool {
+    pub fn enough((plain, robust, nameless): (f64, f64, f64), needed: f64) -> bool {
         let wins = plain >= nameless && robust >= 0.0;
-        plain >= threshold + self.forward.candidates()[term].look_alike && (wins || robust >= BESIDE_BETTER)
+        plain >= needed && (wins || robust >= BESIDE_BETTER)
     }
 
     /// The best candidate that may be named, if its evidence is enough.
@@ -258,11 +268,14 @@ impl Search<'_> {
     pub fn next(&self, level: &Level) -> Option<usize> {
         let threshold = self.threshold(level);
         (self.ranking(level).into_iter().map(|(term, _)| term))
-            .find(|term| level.with[*term].as_ref().is_some_and(|with| self.nameable(with, *term)))
-            .filter(|term| {
+            .filter_map(|term| Some((term, level.with[term].as_ref()?)))
+            .find(|(term, with)| self.nameable(with, *term))
+            .filter(|(term, with)| {
                 let nameless = level.wide.plain().evidence - level.wide.evidence();
+                let needed = self.needed(with.plain(), *term, threshold);
                 let gains = level.gain(*term).zip(level.robust_gain(*term));
-                gains.is_some_and(|(plain, robust)| self.enough(*term, (plain, robust, nameless), threshold))
+                gains.is_some_and(|(plain, robust)| Self::enough((plain, robust, nameless), needed))
             })
+            .map(|(term, _)| term)
     }
 }

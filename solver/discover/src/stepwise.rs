@@ -89,7 +89,8 @@ fn prune(search: &Search<'_>, levels: &[Level], mut current: Wide) -> Pruned {
         let mut losses = search.losses(&current, levels);
         let kept = |loss: &Loss| {
             let nameless = loss.without.plain().evidence - loss.without.evidence();
-            search.enough(loss.term, (loss.plain, loss.robust, nameless), threshold)
+            let needed = search.needed(current.plain(), loss.term, threshold);
+            Search::enough((loss.plain, loss.robust, nameless), needed)
         };
         if let Some(at) = losses.iter().rposition(|loss| !kept(loss)) {
             current = losses.swap_remove(at).without;
