@@ -49,7 +49,7 @@ pub const CRATES: &[Rule] = &[
     },
     Rule {
         who: "worker",
-        may: &["schemas", "units", "signals", "models", "cell-engine", "calibrate", "discover"],
+        may: &["schemas", "units", "signals", "mesh", "models", "cell-engine", "mechanics", "calibrate", "discover"],
         why: "one conversion from a task's spec to solver types per kind; nobody imports worker",
     },
     Rule {

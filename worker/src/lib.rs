@@ -5,6 +5,7 @@
 
 pub mod attempt;
 pub mod bench;
+pub mod benchmark;
 pub mod biomarkers;
 pub mod calcium;
 pub mod cell_parameters;

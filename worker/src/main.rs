@@ -7,6 +7,7 @@ use anyhow::Context as _;
 use cardiotwin_schemas::task::TaskSpec;
 use cardiotwin_worker::attempt::AttemptError;
 use cardiotwin_worker::bench;
+use cardiotwin_worker::benchmark::run_benchmark;
 use cardiotwin_worker::checkpoint::Checkpoints;
 use cardiotwin_worker::context::Context;
 use cardiotwin_worker::provenance::VERSION_TEXT;
@@ -59,6 +60,18 @@ enum Command {
         /// With --restart: go on from this generation, not from the last
         #[arg(long, requires = "restart")]
         generation: Option<u64>,
+    },
+    /// Compute a mechanics benchmark from a file: mesh, material, supports and loads in, displacements of probes and cavity
+    /// volumes out (docs/benchmark-runner.md)
+    Benchmark {
+        /// The benchmark, in TOML
+        file: PathBuf,
+        /// File for the table; standard output without
+        #[arg(long, value_name = "CSV")]
+        out: Option<PathBuf>,
+        /// No progress on stderr
+        #[arg(long)]
+        quiet: bool,
     },
     /// Measure a kernel: medians after a warm-up
     Bench {
@@ -126,6 +139,15 @@ fn execute(command: Command) -> anyhow::Result<ExitCode> {
             let context = Context { instruction_set, checkpoints, stop: stop.clone(), ..Context::plain(&out, threads) };
             let outcome = simulate(&task, context);
             println!("{}", serde_json::to_string_pretty(&outcome)?);
+        }
+        Command::Benchmark { file, out, quiet } => {
+            let mut progress = |line: &str| {
+                if !quiet {
+                    eprintln!("{line}");
+                }
+            };
+            let done = run_benchmark(&file, out.as_deref(), &stop, &mut progress)?;
+            progress(&done.to_string());
         }
         Command::Bench { kernel, json, seeds } => {
             let timing = match kernel {

@@ -6,7 +6,7 @@
 //! does not resist rotation, needs no second matrix, and has the exact tangent `(1 + τ ∂v/∂u) K`.
 
 use crate::body::{Body, Deformation};
-use crate::boundary::{Cavity, Robin};
+use crate::boundary::{Cavity, PressureSurface, Robin};
 use crate::element::kernel::ActivePoint;
 use crate::linear::{NO_SLOT, Tangent};
 use crate::newton::Smallest;
@@ -40,6 +40,15 @@ pub struct Support {
     pub rest: Vec<f64>,
 }
 
+/// A surface under a pressure that somebody else prescribes.
+#[derive(Debug, Clone)]
+pub struct SurfaceLoad {
+    /// The surface.
+    pub surface: PressureSurface,
+    /// Pressure at the end of the step in hand \[kPa\]; set before each step.
+    pub pressure_kpa: f64,
+}
+
 /// What moves: everything that stays the same from step to step.
 #[derive(Debug)]
 pub struct Dynamics {
@@ -55,6 +64,8 @@ pub struct Dynamics {
     pub supports: Vec<Support>,
     /// The cavity, where there is one.
     pub cavity: Option<Cavity>,
+    /// Surfaces under prescribed pressures, beside the cavity's. The tangent takes the symmetric part of their load's.
+    pub loads: Vec<SurfaceLoad>,
     /// Components that are held at zero, one entry a node; empty for none.
     pub fixed: Vec<[bool; 3]>,
     mass: Vec<f64>,
@@ -92,8 +103,8 @@ impl Dynamics {
     pub fn new(body: Body, comm: Box<dyn Communicator>, scheme: GeneralisedAlpha) -> Self {
         let mut mass = body.masses();
         comm.update_ghosts(body.layout(), 1, &mut mass);
-        let (supports, fixed) = (vec![], vec![]);
-        Self { body, comm, scheme, damping: Rayleigh::NONE, supports, cavity: None, fixed, mass }
+        let (supports, loads, fixed) = (vec![], vec![], vec![]);
+        Self { body, comm, scheme, damping: Rayleigh::NONE, supports, cavity: None, loads, fixed, mass }
     }
 
     /// Vectors of the body.
@@ -165,6 +176,33 @@ impl Dynamics {
         self.hold(out);
     }
 
+    /// Size of the forces that a residual is compared with \[mN\]: the norms of the loads of cavity and surfaces, at pressures of
+    /// at least `least_kpa`; where there are none, that of `force`, but at least that of `least_kpa` on a face of the body's
+    /// bounding cube. `column` is the load of the cavity's unit pressure. Collective.
+    #[must_use]
+    pub fn force_scale(&self, candidate: &Candidate, column: &[f64], force: &[f64], least_kpa: f64) -> f64 {
+        let unit = self.space().norm(column);
+        let mut scale = if unit > 0.0 { least_kpa.max(candidate.pressure_kpa.abs()) * unit } else { 0.0 };
+        let mut of_load = vec![0.0; force.len()];
+        for load in &self.loads {
+            of_load.fill(0.0);
+            load.surface.add_forces(1.0, self.body.reference(), &candidate.motion.u, &mut of_load);
+            scale += least_kpa.max(load.pressure_kpa.abs()) * self.space().norm(&of_load);
+        }
+        if scale > 0.0 {
+            return scale;
+        }
+        let mut size = [0.0];
+        let (first, _) = self.body.reference().split_at(3.min(self.body.reference().len()));
+        for x in self.body.reference().as_chunks::<3>().0 {
+            size[0] = (0..3).fold(size[0], |m: f64, i| m.max((x[i] - first[i]).abs()));
+        }
+        self.comm.max(&mut size);
+        let mut count = [self.mass.len() as f64];
+        self.comm.sum(&mut count);
+        (least_kpa * size[0] * size[0] / count[0].sqrt()).max(self.space().norm(force)).max(f64::MIN_POSITIVE)
+    }
+
     /// The cavity volume's gradient, overwriting `out` \[mm²\].
     pub fn volume_row(&self, candidate: &Candidate, out: &mut Vec<f64>) {
         out.clear();
@@ -201,8 +239,13 @@ impl Dynamics {
     /// `G` at a complete candidate, overwriting `force`.
     pub fn forces(&self, candidate: &Candidate, force: &mut [f64]) {
         force.fill(0.0);
-        self.body.add_forces(&candidate.shifted, &candidate.active, &candidate.deformation, force);
+        let velocity = if self.body.is_viscous() { &candidate.motion.v[..] } else { &[] };
+        let Candidate { shifted, active, deformation, .. } = candidate;
+        self.body.add_forces_in_motion(shifted, velocity, active, deformation, force);
         self.add_linear_forces(&candidate.motion, force);
+        for load in &self.loads {
+            load.surface.add_forces(load.pressure_kpa, self.body.reference(), &candidate.motion.u, force);
+        }
         if let Some(cavity) = &self.cavity {
             cavity.add_forces(candidate.pressure_kpa, self.body.reference(), &candidate.motion.u, force);
         }
@@ -225,14 +268,24 @@ impl Dynamics {
         tangent: &mut Tangent,
     ) {
         force.fill(0.0);
-        self.body.tangent(&candidate.shifted, &candidate.active, &candidate.deformation, force, tangent);
         let velocity_rate = self.scheme.velocity_rate(dt_ms);
         let alpha_f = self.scheme.alpha_f;
-        tangent.scale((1.0 - alpha_f) * (1.0 + self.damping.stiffness_ms * velocity_rate));
+        // Strain is taken at u + τ v: all of the tangent is per unit of that.
+        let per_shift = 1.0 + self.damping.stiffness_ms * velocity_rate;
+        let velocity = if self.body.is_viscous() { &candidate.motion.v[..] } else { &[] };
+        let Candidate { shifted, active, deformation, .. } = candidate;
+        let moving = (velocity, velocity_rate / per_shift);
+        self.body.tangent_in_motion(shifted, moving, active, deformation, force, tangent);
+        tangent.scale((1.0 - alpha_f) * per_shift);
         self.add_linear_forces(&candidate.motion, force);
         for support in &self.supports {
             let k = support.spring + support.dashpot * velocity_rate;
             support.robin.add_tangent((1.0 - alpha_f) * k, tangent);
+        }
+        for load in &self.loads {
+            let (p, reference) = (load.pressure_kpa, self.body.reference());
+            load.surface.add_forces(p, reference, &candidate.motion.u, force);
+            load.surface.add_symmetric_tangent((1.0 - alpha_f) * p, reference, &candidate.motion.u, tangent);
         }
         if let Some(cavity) = &self.cavity {
             let (p, reference) = (candidate.pressure_kpa, self.body.reference());

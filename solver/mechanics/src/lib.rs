@@ -6,6 +6,7 @@
 //! - [`boundary`]: follower pressure, springs
 //! - [`newton`], [`statics`]: equilibrium under a growing load
 //! - [`linear`]: sparse matrices of 3×3 blocks and solvers
+//! - [`prescribed`]: bodies under active stress and pressures that are prescribed in time
 //! - [`parallel`]: every global operation behind one interface
 //! - [`number`]: the numbers that kernels are written over, SIMD vectors among them
 //!
@@ -25,6 +26,7 @@ pub mod newton;
 pub mod number;
 pub mod organ;
 pub mod parallel;
+pub mod prescribed;
 pub mod statics;
 pub mod step;
 pub mod time_integration;

@@ -307,8 +307,7 @@ pub fn step(
         dynamics.pressure_column(candidate, &mut column);
         let norm = space.norm(&r);
         let unit = space.norm(&column);
-        let pressure = settings.least_pressure_kpa.max(candidate.pressure_kpa.abs());
-        let scale = if unit > 0.0 { pressure * unit } else { space.norm(&force).max(f64::MIN_POSITIVE) };
+        let scale = dynamics.force_scale(candidate, &column, &force, settings.least_pressure_kpa);
         report.relative_residual = norm / scale;
         let volume = dynamics.cavity_volume(&candidate.motion.u);
         report.volume_residual_mm3 = match closure {

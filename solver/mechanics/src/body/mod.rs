@@ -12,7 +12,7 @@ use crate::element::{BATCH, Eight};
 use crate::linear::{BlockCsr, Coupling, Pattern, Tangent};
 use crate::material::{MaterialError, Tissue, VolumetricLaw};
 use crate::parallel::{Communicator, Layout};
-use passes::{Elements, Field, Pass};
+use passes::{Elements, Field, Moving, Pass};
 
 /// Why a body could not be made.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -86,6 +86,8 @@ pub struct Body {
     coupling_pattern: Option<Arc<Pattern>>,
     /// Reference volume, bulk modulus and law of each vertex's average.
     vertices: Vec<(f64, f64, VolumetricLaw)>,
+    /// Viscosity of each tissue \[kPa·ms\]; empty for none.
+    viscosity_kpa_ms: Vec<f64>,
     arch: Arch,
 }
 
@@ -144,6 +146,7 @@ impl Body {
             pattern,
             coupling_pattern,
             vertices: vec![],
+            viscosity_kpa_ms: vec![],
             arch: Arch::new(),
         };
         if input.volume != VolumeChange::Pointwise {
@@ -257,6 +260,7 @@ impl Body {
             displacement,
             nodal_pressure: deformation,
             active,
+            motion: Moving::default(),
         }
     }
 
@@ -310,6 +314,32 @@ impl Body {
         }
     }
 
+    /// Gives each tissue a viscosity `η` \[kPa·ms\], `S = η Ė`: it acts where velocities are given
+    /// ([`Self::add_forces_in_motion`]). Empty for none.
+    ///
+    /// # Errors
+    /// [`BodyError`] for a viscosity that is negative or not finite, or another number of them than tissues.
+    pub fn set_viscosity(&mut self, of_tissue_kpa_ms: Vec<f64>) -> Result<(), BodyError> {
+        if !of_tissue_kpa_ms.is_empty() && of_tissue_kpa_ms.len() != self.tissues.len() {
+            let (found, expected) = (of_tissue_kpa_ms.len(), self.tissues.len());
+            return Err(BodyError::Size { what: "viscosities of tissues", found, expected });
+        }
+        for (tissue, value) in of_tissue_kpa_ms.iter().enumerate() {
+            if !(*value >= 0.0 && value.is_finite()) {
+                let (name, expected) = ("viscosity_kPa_ms", "zero or more, and finite");
+                return Err(BodyError::Material { tissue, source: MaterialError { name, value: *value, expected } });
+            }
+        }
+        self.viscosity_kpa_ms = of_tissue_kpa_ms;
+        Ok(())
+    }
+
+    /// Whether any tissue is viscous.
+    #[must_use]
+    pub fn is_viscous(&self) -> bool {
+        self.viscosity_kpa_ms.iter().any(|eta| *eta > 0.0)
+    }
+
     /// Adds internal forces \[mN\] at `displacement`, whose [`Deformation`] is given; only owned nodes' are complete.
     ///
     /// - `active`: one a point batch, or empty for none
@@ -320,7 +350,21 @@ impl Body {
         deformation: &Deformation,
         force: &mut [f64],
     ) {
-        self.elements.forces(&self.pass(displacement, active, &deformation.nodal_pressure), force);
+        self.add_forces_in_motion(displacement, &[], active, deformation, force);
+    }
+
+    /// As [`Self::add_forces`], with viscous stress at `velocity` \[mm/ms\]; empty for a body at rest.
+    pub fn add_forces_in_motion(
+        &self,
+        displacement: &[f64],
+        velocity: &[f64],
+        active: &[ActivePoint],
+        deformation: &Deformation,
+        force: &mut [f64],
+    ) {
+        let mut pass = self.pass(displacement, active, &deformation.nodal_pressure);
+        pass.motion = Moving { velocity, viscosity_kpa_ms: &self.viscosity_kpa_ms, velocity_rate_per_ms: 0.0 };
+        self.elements.forces(&pass, force);
     }
 
     /// As [`Self::add_forces`], and overwrites `tangent` with the derivative \[mN/mm\].
@@ -332,9 +376,25 @@ impl Body {
         force: &mut [f64],
         tangent: &mut Tangent,
     ) {
+        self.tangent_in_motion(displacement, (&[], 0.0), active, deformation, force, tangent);
+    }
+
+    /// As [`Self::tangent`], with viscous stress; the velocity comes with its own derivative `∂v/∂u` \[1/ms\]. What viscous
+    /// stress adds to the tangent is exact at zero velocity (see [`crate::element::kernel::element`]).
+    pub fn tangent_in_motion(
+        &self,
+        displacement: &[f64],
+        (velocity, velocity_rate_per_ms): (&[f64], f64),
+        active: &[ActivePoint],
+        deformation: &Deformation,
+        force: &mut [f64],
+        tangent: &mut Tangent,
+    ) {
         tangent.clear();
         tangent.bulk.copy_from_slice(&deformation.nodal_slope);
-        self.elements.tangent(&self.pass(displacement, active, &deformation.nodal_pressure), force, tangent);
+        let mut pass = self.pass(displacement, active, &deformation.nodal_pressure);
+        pass.motion = Moving { velocity, viscosity_kpa_ms: &self.viscosity_kpa_ms, velocity_rate_per_ms };
+        self.elements.tangent(&pass, force, tangent);
     }
 }
 

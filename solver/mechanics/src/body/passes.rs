@@ -4,7 +4,9 @@ use pulp::{Arch, Simd, WithSimd};
 
 use super::Deformation;
 use crate::element::batch::{Batch, vertex_values};
-use crate::element::kernel::{ActivePoint, Gathered, Scratch, VolumeChange, element, pair, volume_and_stretch};
+use crate::element::kernel::{
+    ActivePoint, Gathered, Scratch, Viscous, VolumeChange, element, pair, volume_and_stretch,
+};
 use crate::element::{BATCH, Eight};
 use crate::linear::{NO_SLOT, Pattern, Tangent};
 use crate::material::Tissue;
@@ -19,6 +21,29 @@ pub(super) struct Pass<'a> {
     pub displacement: &'a [f64],
     pub nodal_pressure: &'a [f64],
     pub active: &'a [ActivePoint],
+    pub motion: Moving<'a>,
+}
+
+/// What viscous tissue reads beside the displacement.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Moving<'a> {
+    /// Velocity \[mm/ms\], three a node; empty where nothing is viscous.
+    pub velocity: &'a [f64],
+    /// Viscosity of each tissue \[kPa·ms\]; empty for none.
+    pub viscosity_kpa_ms: &'a [f64],
+    /// `∂v/∂u` \[1/ms\].
+    pub velocity_rate_per_ms: f64,
+}
+
+impl Moving<'_> {
+    fn of_tissue(&self, tissue: usize) -> Viscous {
+        match self.viscosity_kpa_ms.get(tissue) {
+            Some(&viscosity_kpa_ms) if !self.velocity.is_empty() => {
+                Viscous { viscosity_kpa_ms, velocity_rate_per_ms: self.velocity_rate_per_ms }
+            }
+            _ => Viscous::NONE,
+        }
+    }
 }
 
 /// Elements of one kind.
@@ -106,7 +131,7 @@ impl<const N: usize, const Q: usize> WithSimd for Volumes<'_, N, Q> {
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
         let Self(field, pass, out, vertex_volume) = self;
-        let mut input = Gathered { x: [[[0.0; BATCH]; 3]; N], pressure: [[0.0; BATCH]; 4] };
+        let mut input = Gathered::<N>::new();
         let (ratios, _) = out.volume_ratio.as_chunks_mut::<Q>();
         let (stretches, _) = out.squared_stretch.as_chunks_mut::<Q>();
         out.smallest = (f64::INFINITY, 0);
@@ -143,7 +168,7 @@ impl<const N: usize, const Q: usize, const TANGENT: bool> WithSimd for Assembly<
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
         let Self(field, pass, force, mut tangent) = self;
-        let mut input = Gathered { x: [[[0.0; BATCH]; 3]; N], pressure: [[0.0; BATCH]; 4] };
+        let mut input = Gathered::<N>::new();
         let mut scratch = Scratch::<N>::new();
         let none = [ActivePoint::NONE; Q];
         let (force, _) = force.as_chunks_mut::<3>();
@@ -155,8 +180,30 @@ impl<const N: usize, const Q: usize, const TANGENT: bool> WithSimd for Assembly<
                 scratch.coupling.as_flattened_mut().as_flattened_mut().fill([0.0; BATCH]);
             }
             let tissue = &pass.tissues[batch.tissue];
+            let viscous = pass.motion.of_tissue(batch.tissue);
+            if viscous.viscosity_kpa_ms > 0.0 {
+                let (velocity, _) = pass.motion.velocity.as_chunks::<3>();
+                for a in 0..N {
+                    for lane in 0..BATCH {
+                        let v = &velocity[batch.nodes[a][lane] as usize];
+                        for i in 0..3 {
+                            input.velocity[a][i][lane] = v[i];
+                        }
+                    }
+                }
+            }
             let active = if pass.active.is_empty() { &none[..] } else { &pass.active[idx * Q..(idx + 1) * Q] };
-            element::<S, N, Q, TANGENT>(simd, tissue, pass.volume, &field.shape, batch, &input, active, &mut scratch);
+            element::<S, N, Q, TANGENT>(
+                simd,
+                tissue,
+                viscous,
+                pass.volume,
+                &field.shape,
+                batch,
+                &input,
+                active,
+                &mut scratch,
+            );
             for lane in 0..batch.n {
                 for a in 0..N {
                     let to = &mut force[batch.nodes[a][lane] as usize];
@@ -256,7 +303,7 @@ impl<const N: usize, const Q: usize> Elements for Field<N, Q> {
         }
     }
     fn energy(&self, pass: &Pass<'_>) -> f64 {
-        let mut input = Gathered { x: [[[0.0; BATCH]; 3]; N], pressure: [[0.0; BATCH]; 4] };
+        let mut input = Gathered::<N>::new();
         let mut energy = 0.0;
         for batch in &self.batches {
             Self::gather(batch, pass, &mut input);

@@ -35,6 +35,30 @@ pub struct Gathered<const N: usize> {
     pub x: [[Eight; 3]; N],
     /// Pressures that come from nodal averages of the volume change, at the vertices \[kPa\].
     pub pressure: [Eight; 4],
+    /// Velocities \[mm/ms\]; read in viscous tissue alone.
+    pub velocity: [[Eight; 3]; N],
+}
+
+impl<const N: usize> Gathered<N> {
+    /// Zeros.
+    #[must_use]
+    pub fn new() -> Self {
+        Self { x: [[[0.0; BATCH]; 3]; N], pressure: [[0.0; BATCH]; 4], velocity: [[[0.0; BATCH]; 3]; N] }
+    }
+}
+
+/// Viscosity of a tissue in motion: `S = η Ė`, from the pseudo-potential `η/2 tr Ė²`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Viscous {
+    /// η \[kPa·ms\]; zero for none.
+    pub viscosity_kpa_ms: f64,
+    /// `∂v/∂u` of the time integration \[1/ms\].
+    pub velocity_rate_per_ms: f64,
+}
+
+impl Viscous {
+    /// No viscosity.
+    pub const NONE: Self = Self { viscosity_kpa_ms: 0.0, velocity_rate_per_ms: 0.0 };
 }
 
 /// What the kernel writes; summed over integration points.
@@ -155,11 +179,15 @@ pub fn volume_and_stretch<S: Simd, const N: usize, const Q: usize>(
 ///
 /// - `shape`: values of the vertices' linear shape functions at each integration point
 /// - `active`: one an integration point
+///
+/// The tangent of viscous stress holds `∂Ė/∂v ∂v/∂u`, not the change of `Ė` with `F` at a given velocity: that part is not
+/// symmetric and smaller by the strain of a time step.
 #[inline(always)]
 #[expect(clippy::too_many_arguments, reason = "what an element needs, each of its own kind")]
 pub fn element<S: Simd, const N: usize, const Q: usize, const TANGENT: bool>(
     simd: S,
     tissue: &Tissue,
+    viscous: Viscous,
     volume: VolumeChange,
     shape: &[[f64; 4]; Q],
     batch: &Batch<N, Q>,
@@ -169,7 +197,7 @@ pub fn element<S: Simd, const N: usize, const Q: usize, const TANGENT: bool>(
 ) {
     for lane in (0..BATCH).step_by(S::F64_LANES) {
         for q in 0..Q {
-            point::<S, N, Q, TANGENT>(simd, tissue, volume, &shape[q], batch, input, &active[q], out, lane, q);
+            point::<S, N, Q, TANGENT>(simd, tissue, viscous, volume, &shape[q], batch, input, &active[q], out, lane, q);
         }
     }
 }
@@ -179,6 +207,7 @@ pub fn element<S: Simd, const N: usize, const Q: usize, const TANGENT: bool>(
 fn point<S: Simd, const N: usize, const Q: usize, const TANGENT: bool>(
     simd: S,
     tissue: &Tissue,
+    viscous: Viscous,
     volume: VolumeChange,
     shape: &[f64; 4],
     batch: &Batch<N, Q>,
@@ -214,6 +243,20 @@ fn point<S: Simd, const N: usize, const Q: usize, const TANGENT: bool>(
     };
     let response = respond::<Lanes<S>, TANGENT>(tissue, &c, j, &load);
     let (mut s, mut d) = (response.s, response.d);
+    if viscous.viscosity_kpa_ms > 0.0 {
+        let rate = deformation(simd, &input.velocity, grad, lane);
+        for (k, (m, n)) in [(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)].into_iter().enumerate() {
+            let mut twice = zero;
+            for i in 0..3 {
+                twice = f[i][m].mul_add(rate[i][n], f[i][n].mul_add(rate[i][m], twice));
+            }
+            s[k] = twice.times(0.5 * viscous.viscosity_kpa_ms) + s[k];
+            // D acts on engineering shear strains.
+            let share = if k < 3 { 1.0 } else { 0.5 };
+            let stiffness = share * viscous.viscosity_kpa_ms * viscous.velocity_rate_per_ms;
+            d[at(k, k)] = d[at(k, k)] + zero.like(stiffness);
+        }
+    }
     for k in 0..6 {
         s[k] = s[k] * weight;
     }

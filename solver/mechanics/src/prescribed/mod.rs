@@ -1,0 +1,16 @@
+//! A body under active stress and surface pressures that are prescribed in time: what mechanics benchmarks ask for.
+//!
+//! - [`time_course`]: prescribed values, among them the equations of Aróstica et al. 2025
+//! - [`ellipsoid_fibres`]: the fibre rule of Land et al. 2015 and of Aróstica et al. 2025
+//! - [`problem`]: mesh, tissues, supports and loads to a body with probes and cavities
+//! - [`run`]: motion in time, or equilibrium at full load
+
+pub mod ellipsoid_fibres;
+pub mod problem;
+pub mod run;
+pub mod time_course;
+
+pub use ellipsoid_fibres::EllipsoidFibres;
+pub use problem::{Problem, ProblemError, Setup, SurfaceSupport};
+pub use run::{RunCost, RunError, Sample, Schedule, run, settle};
+pub use time_course::{Course, TimeCourse, TimeCourseError};

@@ -1,0 +1,157 @@
+//! Mechanics benchmarks from a file: `cardiotwin-worker benchmark FILE.toml`. The format is in `docs/benchmark-runner.md`.
+
+pub mod error;
+pub mod file;
+pub mod model;
+pub mod names;
+pub mod output;
+
+use std::ops::ControlFlow;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use cardiotwin_mechanics::dynamics::Rayleigh;
+use cardiotwin_mechanics::prescribed::{RunCost, Schedule, run, settle};
+use cardiotwin_mechanics::statics::LoadSteps;
+use cardiotwin_mechanics::step::StepSettings;
+use cardiotwin_mechanics::time_integration::GeneralisedAlpha;
+
+use crate::stop::StopFlag;
+pub use error::BenchmarkError;
+use error::chain;
+use file::{BenchmarkFile, TimeTable};
+use model::Model;
+use output::Table;
+
+/// What a benchmark came to.
+#[derive(Debug, Clone, PartialEq)]
+pub struct BenchmarkSummary {
+    /// Title of the file.
+    pub title: String,
+    /// Elements.
+    pub n_tets: usize,
+    /// Degrees of freedom.
+    pub n_dofs: usize,
+    /// Work; of a static problem its load steps and Newton iterations.
+    pub cost: RunCost,
+    /// Wall time \[s\].
+    pub seconds: f64,
+    /// Where the table is; `None` for standard output.
+    pub table: Option<PathBuf>,
+}
+
+impl std::fmt::Display for BenchmarkSummary {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let RunCost { steps, n_cut, newton_iterations, krylov_iterations, factorisations } = self.cost;
+        write!(
+            f,
+            "{} elements, {} degrees of freedom: {steps} steps ({n_cut} cut), {newton_iterations} Newton and \
+             {krylov_iterations} linear iterations, {factorisations} factorisations, {:.1} s",
+            self.n_tets, self.n_dofs, self.seconds
+        )
+    }
+}
+
+/// Reads `file`, computes it and writes the table to `out` (standard output where `None`). `progress` gets a line now and
+/// then. A table that ends early, by an error or by `stop`, holds the rows up to there.
+///
+/// # Errors
+/// [`BenchmarkError`] with file and key, or with the time that was reached.
+pub fn run_benchmark(
+    file: &Path,
+    out: Option<&Path>,
+    stop: &StopFlag,
+    progress: &mut dyn FnMut(&str),
+) -> Result<BenchmarkSummary, BenchmarkError> {
+    let watch = Instant::now();
+    let text =
+        std::fs::read_to_string(file).map_err(|source| BenchmarkError::Read { file: file.to_owned(), source })?;
+    let parsed: BenchmarkFile = toml::from_str(&text)
+        .map_err(|source| BenchmarkError::Format { file: file.to_owned(), source: Box::new(source) })?;
+    let model = Model::read(file, &parsed)?;
+    let setup = model
+        .problem()?
+        .set_up()
+        .map_err(|e| BenchmarkError::key(file, "mesh", chain(&e), "a body that can be built"))?;
+    let (n_tets, n_dofs) = (model.mesh.n_tets(), 3 * setup.body.n_nodes());
+    progress(&format!("{}: {n_tets} elements, {n_dofs} degrees of freedom", parsed.title));
+    let mut table = Table::create(&parsed, out)?;
+    let linear = names::linear(parsed.solver.linear);
+    let cost = match &parsed.time {
+        TimeTable::Static { at_ms, first_load_step } => {
+            let mut steps = LoadSteps { first: *first_load_step, ..LoadSteps::default() };
+            steps.newton.linear = linear;
+            let (sample, report) = settle(&setup, *at_ms, &steps).map_err(|e| BenchmarkError::Failed(chain(&e)))?;
+            table.row(&sample)?;
+            RunCost {
+                steps: report.steps.len(),
+                n_cut: report.n_cut,
+                newton_iterations: report.iterations(),
+                ..RunCost::default()
+            }
+        }
+        TimeTable::Dynamic { alpha_m, alpha_f, mass_damping_per_ms, stiffness_damping_ms, .. } => {
+            let schedule = names::schedule(file, &parsed.time)?;
+            let scheme = GeneralisedAlpha::with_weights(*alpha_m, *alpha_f).map_err(|e| {
+                BenchmarkError::key(file, "time.alpha_m, time.alpha_f", format!("{alpha_m}, {alpha_f}"), e.to_string())
+            })?;
+            let damping = Rayleigh { mass_per_ms: *mass_damping_per_ms, stiffness_ms: *stiffness_damping_ms };
+            let settings = StepSettings {
+                relative_tolerance: parsed.solver.relative_tolerance,
+                least_pressure_kpa: parsed.solver.least_pressure_kpa,
+                max_iterations: parsed.solver.max_iterations,
+                linear,
+                ..StepSettings::default()
+            };
+            move_body(setup, scheme, damping, &schedule, &settings, &mut table, &watch, stop, progress)?
+        }
+    };
+    table.finish()?;
+    Ok(BenchmarkSummary {
+        title: parsed.title,
+        n_tets,
+        n_dofs,
+        cost,
+        seconds: watch.elapsed().as_secs_f64(),
+        table: out.map(Path::to_owned),
+    })
+}
+
+#[expect(clippy::too_many_arguments, reason = "the dynamic half of `run_benchmark`")]
+fn move_body(
+    setup: cardiotwin_mechanics::prescribed::Setup,
+    scheme: GeneralisedAlpha,
+    damping: Rayleigh,
+    schedule: &Schedule,
+    settings: &StepSettings,
+    table: &mut Table,
+    watch: &Instant,
+    stop: &StopFlag,
+    progress: &mut dyn FnMut(&str),
+) -> Result<RunCost, BenchmarkError> {
+    let mut failure = None;
+    let mut told = 0.0;
+    let result = run(setup, scheme, damping, schedule, settings, &mut |sample, cost| {
+        if let Err(error) = table.row(sample) {
+            failure = Some(error);
+            return ControlFlow::Break(());
+        }
+        if stop.is_raised() {
+            failure = Some(BenchmarkError::Stopped { t_ms: sample.t_ms });
+            return ControlFlow::Break(());
+        }
+        if watch.elapsed().as_secs_f64() > told + 10.0 {
+            told = watch.elapsed().as_secs_f64();
+            let RunCost { newton_iterations: newton, krylov_iterations: krylov, .. } = cost;
+            progress(&format!(
+                "{:.0} of {:.0} ms, {newton} Newton and {krylov} linear iterations, {told:.0} s",
+                sample.t_ms, schedule.end_ms
+            ));
+        }
+        ControlFlow::Continue(())
+    });
+    match failure {
+        Some(error) => Err(error),
+        None => result.map_err(|e| BenchmarkError::Failed(chain(&e))),
+    }
+}

@@ -1,0 +1,309 @@
+//! Mesh, tissues, fibres, supports and loads of a benchmark file.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use cardiotwin_mechanics::element::batch::Frame;
+use cardiotwin_mechanics::prescribed::{Course, EllipsoidFibres, Problem, SurfaceSupport};
+use cardiotwin_mesh::fibres::{Angles, Longitudinal, fields, frames};
+use cardiotwin_mesh::files::{carp, gmsh, vtu};
+use cardiotwin_mesh::tet_mesh::{shape_gradients, surface_names};
+use cardiotwin_mesh::{LengthUnit, TetMesh, laplace};
+
+use super::error::{BenchmarkError, chain};
+use super::file::{BenchmarkFile, CourseTable, DepthTable, FibreTable};
+use super::names;
+
+/// A place for a mid-edge node, from the edge's vertices.
+type Middles = BTreeMap<(u32, u32), [f64; 3]>;
+
+/// Frame at a point of an element.
+type FrameAt = Box<dyn Fn(usize, [f64; 3]) -> Frame>;
+
+/// A benchmark with its mesh in memory.
+pub struct Model<'a> {
+    file: &'a Path,
+    parsed: &'a BenchmarkFile,
+    /// The mesh.
+    pub mesh: TetMesh,
+    frame: FrameAt,
+    middles: Middles,
+    middle: Box<dyn Fn(u32, u32) -> Option<[f64; 3]>>,
+}
+
+impl std::fmt::Debug for Model<'_> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Model")
+            .field("file", &self.file)
+            .field("curved_edges", &self.middles.len())
+            .finish_non_exhaustive()
+    }
+}
+
+impl<'a> Model<'a> {
+    /// Reads the mesh and makes fibres.
+    ///
+    /// # Errors
+    /// [`BenchmarkError`] with the key.
+    pub fn read(file: &'a Path, parsed: &'a BenchmarkFile) -> Result<Self, BenchmarkError> {
+        let mesh = read_mesh(file, parsed)?;
+        let frame = fibres(file, parsed, &mesh)?;
+        let middles = curved(file, parsed, &mesh)?;
+        let places = middles.clone();
+        let middle = Box::new(move |a: u32, b: u32| places.get(&(a.min(b), a.max(b))).copied());
+        Ok(Self { file, parsed, mesh, frame, middles, middle })
+    }
+
+    /// The problem of the file.
+    ///
+    /// # Errors
+    /// [`BenchmarkError`] with the key.
+    pub fn problem(&self) -> Result<Problem<'_>, BenchmarkError> {
+        let (file, parsed) = (self.file, self.parsed);
+        let end_ms = names::end_ms(&parsed.time);
+        let course = |key: String, table: &CourseTable| {
+            Course::new(names::course(table), end_ms)
+                .map_err(|e| BenchmarkError::key(file, format!("{key}.{}", e.name), e.value.to_string(), e.expected))
+        };
+        let triangles = |key: String, name: &str| surface(file, &self.mesh, &key, name);
+        let mut supports = vec![];
+        for (k, s) in parsed.support.iter().enumerate() {
+            let key = |name: &str| format!("support[{k}].{name}");
+            for (name, value) in
+                [("spring_kPa_per_mm", s.spring_kpa_per_mm), ("dashpot_kPa_ms_per_mm", s.dashpot_kpa_ms_per_mm)]
+            {
+                if !(value >= 0.0 && value.is_finite()) {
+                    return Err(BenchmarkError::key(file, key(name), value.to_string(), "zero or more, and finite"));
+                }
+            }
+            supports.push(SurfaceSupport {
+                triangles: triangles(key("surface"), &s.surface)?,
+                direction: names::direction(s.direction),
+                spring: s.spring_kpa_per_mm,
+                dashpot: s.dashpot_kpa_ms_per_mm,
+            });
+        }
+        let mut fixed = vec![];
+        for (k, f) in parsed.fixed.iter().enumerate() {
+            let mut components = [false; 3];
+            f.components.iter().for_each(|a| components[names::axis(*a)] = true);
+            fixed.push((triangles(format!("fixed[{k}].surface"), &f.surface)?, components));
+        }
+        let mut pressures = vec![];
+        for (k, p) in parsed.pressure.iter().enumerate() {
+            let surface = triangles(format!("pressure[{k}].surface"), &p.surface)?;
+            pressures.push((surface, course(format!("pressure[{k}].course"), &p.course)?));
+        }
+        let active = parsed.active_stress.clone().unwrap_or(CourseTable::Constant { value_kpa: 0.0 });
+        let mut cavities = vec![];
+        for (k, c) in parsed.cavity.iter().enumerate() {
+            let mut all = vec![];
+            for name in &c.surfaces {
+                all.extend(triangles(format!("cavity[{k}].surfaces"), name)?);
+            }
+            cavities.push(all);
+        }
+        Ok(Problem {
+            mesh: &self.mesh,
+            kind: names::element(file, &parsed.element)?,
+            middle: &self.middle,
+            tissues: parsed.tissue.iter().map(names::tissue).collect(),
+            viscosity_kpa_ms: parsed.tissue.iter().map(|t| t.viscosity_kpa_ms).collect(),
+            tissue_of: self.tissue_of()?,
+            frame: &self.frame,
+            supports,
+            fixed,
+            pressures,
+            active: course("active_stress".to_owned(), &active)?,
+            cavities,
+            probes: parsed.probe.iter().map(|p| p.at_mm).collect(),
+        })
+    }
+
+    fn tissue_of(&self) -> Result<Vec<usize>, BenchmarkError> {
+        let tissues = &self.parsed.tissue;
+        (self.mesh.tags.iter())
+            .map(|tag| {
+                (tissues.iter().position(|t| t.tags.is_empty() || t.tags.contains(tag))).ok_or_else(|| {
+                    let found = format!("an element with tag {tag}, which no tissue names");
+                    BenchmarkError::key(
+                        self.file,
+                        "tissue",
+                        found,
+                        "a tissue for each tag of the mesh, or one without tags",
+                    )
+                })
+            })
+            .collect()
+    }
+}
+
+fn read_mesh(file: &Path, parsed: &BenchmarkFile) -> Result<TetMesh, BenchmarkError> {
+    let unit = LengthUnit::from_symbol(&parsed.mesh.unit).ok_or_else(|| {
+        let known: Vec<&str> = LengthUnit::ALL.iter().map(|u| u.symbol()).collect();
+        BenchmarkError::key(
+            file,
+            "mesh.unit",
+            format!("{:?}", parsed.mesh.unit),
+            format!("one of {}", known.join(", ")),
+        )
+    })?;
+    let path: PathBuf = file.parent().unwrap_or(Path::new("")).join(&parsed.mesh.file);
+    let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default();
+    let mesh = match extension {
+        "vtu" => vtu::read(&path, unit).map(|grid| grid.mesh),
+        "msh" => gmsh::read(&path, unit),
+        _ => carp::read(&path, unit),
+    };
+    let mut mesh = mesh.map_err(|source| BenchmarkError::Mesh { file: file.to_owned(), source })?;
+    mesh.orient_if_all_negative();
+    Ok(mesh)
+}
+
+fn surface(file: &Path, mesh: &TetMesh, key: &str, name: &str) -> Result<Vec<[u32; 3]>, BenchmarkError> {
+    mesh.surface(name).map(|s| s.triangles.clone()).ok_or_else(|| {
+        let known: Vec<&str> = mesh.surfaces.iter().map(|s| s.name.as_str()).collect();
+        let expected = format!(
+            "a surface of the mesh: {}",
+            if known.is_empty() { "it has none".to_owned() } else { known.join(", ") }
+        );
+        BenchmarkError::key(file, key, format!("{name:?}"), expected)
+    })
+}
+
+/// Fibre, sheet and the axis across both; `None` where they do not span a plane.
+fn orthonormal(fibre: [f64; 3], sheet: [f64; 3]) -> Option<Frame> {
+    let dot = |a: [f64; 3], b: [f64; 3]| (0..3).map(|i| a[i] * b[i]).sum::<f64>();
+    let unit = |a: [f64; 3]| {
+        let n = dot(a, a).sqrt();
+        (n > 1e-9).then(|| a.map(|x| x / n))
+    };
+    let f = unit(fibre)?;
+    let along = dot(f, sheet);
+    let s = unit(std::array::from_fn(|i| sheet[i] - along * f[i]))?;
+    let n = [f[1] * s[2] - f[2] * s[1], f[2] * s[0] - f[0] * s[2], f[0] * s[1] - f[1] * s[0]];
+    Some(std::array::from_fn(|i| [f[i], s[i], n[i]]))
+}
+
+const AXES: Frame = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+
+fn fibres(file: &Path, parsed: &BenchmarkFile, mesh: &TetMesh) -> Result<FrameAt, BenchmarkError> {
+    match &parsed.fibres {
+        FibreTable::FromMesh => {
+            if mesh.frames.len() != mesh.n_tets() {
+                let found = format!("{} fibres in the mesh", mesh.frames.len());
+                let expected = format!("{}, one for each element: add them, or give another rule", mesh.n_tets());
+                return Err(BenchmarkError::key(file, "fibres.rule", found, expected));
+            }
+            let frames: Vec<Frame> =
+                mesh.frames.iter().map(|f| orthonormal(f.fibre, f.sheet).unwrap_or(AXES)).collect();
+            Ok(Box::new(move |e, _| frames[e]))
+        }
+        FibreTable::Constant { fibre, sheet } => {
+            let frame = orthonormal(*fibre, *sheet).ok_or_else(|| {
+                let found = format!("{fibre:?} and {sheet:?}");
+                BenchmarkError::key(file, "fibres.fibre, fibres.sheet", found, "two directions that are not parallel")
+            })?;
+            Ok(Box::new(move |_, _| frame))
+        }
+        FibreTable::Ellipsoid { axis, short_mm, long_mm, alpha_deg, depth } => {
+            for (key, pair) in [("short_mm", short_mm), ("long_mm", long_mm)] {
+                if !(pair[0] > 0.0 && pair[1] > pair[0]) {
+                    let expected = "two half-axes, the endocardium's first and smaller";
+                    return Err(BenchmarkError::key(file, format!("fibres.{key}"), format!("{pair:?}"), expected));
+                }
+            }
+            let rule = EllipsoidFibres {
+                axis: names::axis(*axis),
+                short_mm: *short_mm,
+                long_mm: *long_mm,
+                alpha_deg: *alpha_deg,
+            };
+            match depth {
+                DepthTable::Geometry => Ok(Box::new(move |_, x| rule.frame(x, rule.depth(x)))),
+                DepthTable::Laplace { endocardium, epicardium } => {
+                    let depth = laplace_depth(file, mesh, endocardium, epicardium)?;
+                    let mesh = mesh.clone();
+                    Ok(Box::new(move |e, x| {
+                        let corners = mesh.corners(e);
+                        let (gradients, _) = shape_gradients(corners);
+                        let t = (0..4)
+                            .map(|k| {
+                                let l: f64 = (0..3).map(|i| gradients[k][i] * (x[i] - corners[k][i])).sum();
+                                (1.0 + l) * depth[mesh.tets[e][k] as usize]
+                            })
+                            .sum();
+                        rule.frame(x, t)
+                    }))
+                }
+            }
+        }
+        FibreTable::LaplaceDirichlet { endocardium, epicardium, base, alpha_deg, beta_deg } => {
+            let mut named = mesh.clone();
+            named.surfaces.clear();
+            for (key, theirs, ours) in [
+                ("endocardium", endocardium, surface_names::ENDOCARDIUM),
+                ("epicardium", epicardium, surface_names::EPICARDIUM),
+                ("base", base, surface_names::RIM),
+            ] {
+                let triangles = surface(file, mesh, &format!("fibres.{key}"), theirs)?;
+                named.surfaces.push(cardiotwin_mesh::Surface { name: ours.to_owned(), triangles });
+            }
+            let mut tags = mesh.tags.clone();
+            tags.sort_unstable();
+            tags.dedup();
+            let angles = Angles {
+                alpha_endo_deg: alpha_deg[0],
+                alpha_epi_deg: alpha_deg[1],
+                beta_endo_deg: beta_deg[0],
+                beta_epi_deg: beta_deg[1],
+            };
+            let found = fields(&named, &tags, Longitudinal::FromBase)
+                .map_err(|e| BenchmarkError::key(file, "fibres", chain(&e), "fields that can be solved for"))?;
+            let frames: Vec<Frame> = frames(&named, &tags, &found, &angles)
+                .iter()
+                .map(|f| orthonormal(f.fibre, f.sheet).unwrap_or(AXES))
+                .collect();
+            Ok(Box::new(move |e, _| frames[e]))
+        }
+    }
+}
+
+/// 0 at the nodes of the first surfaces, 1 at those of the second, harmonic between.
+fn laplace_depth(file: &Path, mesh: &TetMesh, endo: &[String], epi: &[String]) -> Result<Vec<f64>, BenchmarkError> {
+    let mut given = vec![None; mesh.n_nodes()];
+    for (key, names, value) in [("endocardium", endo, 0.0), ("epicardium", epi, 1.0)] {
+        for name in names {
+            for node in surface(file, mesh, &format!("fibres.depth.{key}"), name)?.into_iter().flatten() {
+                given[node as usize] = Some(value);
+            }
+        }
+    }
+    laplace::solve("depth", mesh, &|_| true, &given, 0.0)
+        .map_err(|e| BenchmarkError::key(file, "fibres.depth", chain(&e), "a field that can be solved for"))
+}
+
+/// Middles of the edges of the named surfaces, moved onto their ellipsoids in the direction from the origin.
+fn curved(file: &Path, parsed: &BenchmarkFile, mesh: &TetMesh) -> Result<Middles, BenchmarkError> {
+    let mut middles = Middles::new();
+    let Some(table) = &parsed.mesh.curved else { return Ok(middles) };
+    let axis = names::axis(table.axis);
+    for (k, s) in table.surface.iter().enumerate() {
+        for (name, value) in [("short_mm", s.short_mm), ("long_mm", s.long_mm)] {
+            if !(value > 0.0 && value.is_finite()) {
+                let key = format!("mesh.curved.surface[{k}].{name}");
+                return Err(BenchmarkError::key(file, key, value.to_string(), "more than zero"));
+            }
+        }
+        for t in surface(file, mesh, &format!("mesh.curved.surface[{k}].name"), &s.name)? {
+            for (a, b) in cardiotwin_mesh::surface::edges(t) {
+                let (p, q) = (mesh.nodes_mm[a as usize], mesh.nodes_mm[b as usize]);
+                let m: [f64; 3] = std::array::from_fn(|i| 0.5 * (p[i] + q[i]));
+                let level: f64 =
+                    (0..3).map(|i| (m[i] / if i == axis { s.long_mm } else { s.short_mm }).powi(2)).sum::<f64>().sqrt();
+                middles.insert((a.min(b), a.max(b)), m.map(|x| x / level));
+            }
+        }
+    }
+    Ok(middles)
+}

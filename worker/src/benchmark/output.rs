@@ -1,0 +1,81 @@
+//! The table: `t_s`, displacements in mm for each probe, cavity volumes in mL.
+
+use std::fs::File;
+use std::io::{BufWriter, Write as _};
+use std::path::{Path, PathBuf};
+
+use cardiotwin_mechanics::prescribed::Sample;
+
+use super::error::BenchmarkError;
+use super::file::BenchmarkFile;
+
+/// A table that grows row by row; each row reaches the file at once.
+pub struct Table {
+    name: PathBuf,
+    sink: Box<dyn std::io::Write>,
+}
+
+impl std::fmt::Debug for Table {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Table").field("name", &self.name).finish_non_exhaustive()
+    }
+}
+
+impl Table {
+    /// Begins with the heads of the columns.
+    ///
+    /// # Errors
+    /// [`BenchmarkError::Write`].
+    pub fn create(parsed: &BenchmarkFile, out: Option<&Path>) -> Result<Self, BenchmarkError> {
+        let name = out.map_or_else(|| PathBuf::from("standard output"), Path::to_owned);
+        let sink: Box<dyn std::io::Write> = match out {
+            None => Box::new(std::io::stdout()),
+            Some(path) => {
+                let file =
+                    File::create(path).map_err(|source| BenchmarkError::Write { file: path.to_owned(), source })?;
+                Box::new(BufWriter::new(file))
+            }
+        };
+        let mut head = String::from("t_s");
+        for probe in &parsed.probe {
+            for axis in ["x", "y", "z"] {
+                head += &format!(",{}_u{axis}_mm", probe.name);
+            }
+        }
+        for cavity in &parsed.cavity {
+            head += &format!(",{}_mL", cavity.name);
+        }
+        let mut table = Self { name, sink };
+        table.line(&head)?;
+        Ok(table)
+    }
+
+    fn line(&mut self, text: &str) -> Result<(), BenchmarkError> {
+        writeln!(self.sink, "{text}")
+            .and_then(|()| self.sink.flush())
+            .map_err(|source| BenchmarkError::Write { file: self.name.clone(), source })
+    }
+
+    /// Adds a row.
+    ///
+    /// # Errors
+    /// [`BenchmarkError::Write`].
+    pub fn row(&mut self, sample: &Sample) -> Result<(), BenchmarkError> {
+        let mut text = format!("{}", (sample.t_ms * 1e3).round() * 1e-6);
+        for x in sample.probes_mm.iter().flatten() {
+            text += &format!(",{x:.6}");
+        }
+        for v in &sample.cavities_mm3 {
+            text += &format!(",{:.5}", v * 1e-3);
+        }
+        self.line(&text)
+    }
+
+    /// Ends the table.
+    ///
+    /// # Errors
+    /// [`BenchmarkError::Write`].
+    pub fn finish(mut self) -> Result<(), BenchmarkError> {
+        self.sink.flush().map_err(|source| BenchmarkError::Write { file: self.name, source })
+    }
+}
