@@ -61,7 +61,7 @@ impl Table {
     /// # Errors
     /// [`BenchmarkError::Write`].
     pub fn row(&mut self, sample: &Sample) -> Result<(), BenchmarkError> {
-        let mut text = format!("{}", (sample.t_ms * 1e3).round() * 1e-6);
+        let mut text = format!("{}", (sample.t_ms * 1e3).round() / 1e6);
         for x in sample.probes_mm.iter().flatten() {
             text += &format!(",{x:.6}");
         }
