@@ -66,9 +66,9 @@ impl PointStress for Cells {
         let n = self.model.n_states();
         for (idx, squared) in deformation.squared_stretch.iter().enumerate() {
             let mut point = ActivePoint::NONE;
-            for lane in 0..BATCH {
+            for (lane, squared) in squared.iter().enumerate() {
                 let k = idx * BATCH + lane;
-                let lambda = squared[lane].sqrt();
+                let lambda = squared.sqrt();
                 self.next[k] = lambda;
                 let implicit = self.coupling == Coupling::Implicit;
                 let (from, to) = if implicit { (self.now[k], lambda) } else { (self.before[k], self.now[k]) };

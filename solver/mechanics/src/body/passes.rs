@@ -131,7 +131,7 @@ impl<const N: usize, const Q: usize> WithSimd for Volumes<'_, N, Q> {
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
         let Self(field, pass, out, vertex_volume) = self;
-        let mut input = Gathered::<N>::new();
+        let mut input = Gathered::<N>::zeros();
         let (ratios, _) = out.volume_ratio.as_chunks_mut::<Q>();
         let (stretches, _) = out.squared_stretch.as_chunks_mut::<Q>();
         out.smallest = (f64::INFINITY, 0);
@@ -168,7 +168,7 @@ impl<const N: usize, const Q: usize, const TANGENT: bool> WithSimd for Assembly<
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
         let Self(field, pass, force, mut tangent) = self;
-        let mut input = Gathered::<N>::new();
+        let mut input = Gathered::<N>::zeros();
         let mut scratch = Scratch::<N>::new();
         let none = [ActivePoint::NONE; Q];
         let (force, _) = force.as_chunks_mut::<3>();
@@ -303,7 +303,7 @@ impl<const N: usize, const Q: usize> Elements for Field<N, Q> {
         }
     }
     fn energy(&self, pass: &Pass<'_>) -> f64 {
-        let mut input = Gathered::<N>::new();
+        let mut input = Gathered::<N>::zeros();
         let mut energy = 0.0;
         for batch in &self.batches {
             Self::gather(batch, pass, &mut input);

@@ -42,7 +42,7 @@ pub struct Gathered<const N: usize> {
 impl<const N: usize> Gathered<N> {
     /// Zeros.
     #[must_use]
-    pub fn new() -> Self {
+    pub fn zeros() -> Self {
         Self { x: [[[0.0; BATCH]; 3]; N], pressure: [[0.0; BATCH]; 4], velocity: [[[0.0; BATCH]; 3]; N] }
     }
 }
