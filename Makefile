@@ -12,7 +12,7 @@ BIN := $(if $(CARGO_TARGET_DIR),$(CARGO_TARGET_DIR),target)/release
 # The whole workspace is always selected, so that demo, tests and benchmarks share one set of compiled dependencies.
 BUILD := $(CARGO) build --release --locked --workspace --bins
 
-.PHONY: help deps deps-demo build demo test bench work-precision evaluate-discover afterload verify clean-run
+.PHONY: help deps deps-demo build demo test bench work-precision evaluate-discover afterload clean-run
 
 help: ## print this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "  make %-18s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -74,16 +74,6 @@ afterload: build ## fit and search the measured records of examples/afterload; d
 	  record=$${part%=*}; flow=$(RECORDS)/$${record%%/*}/flow$${record#*/}; \
 	  $(BIN)/cardiotwin --quiet discover --afterload $$flow $${flow/flow/pressure} --plot docs/images/afterload-$${part#*=}.svg > /dev/null; \
 	done
-
-VERIFY := $(if $(CARGO_TARGET_DIR),$(CARGO_TARGET_DIR),target)/verify
-verify: build ## compute the verification of the 3D mechanics and write docs/verification.md with its plots (half an hour)
-	mkdir -p $(VERIFY)
-	for case in 0a 0b 1; do \
-	  $(BIN)/cardiotwin-worker benchmark examples/benchmarks/arostica2025-lv-$$case.toml \
-	    --out $(VERIFY)/arostica2025-lv-$$case.csv 2>&1 | tee $(VERIFY)/arostica2025-lv-$$case.log; \
-	done
-	$(CARGO) run --release --locked --quiet --package cardiotwin-mechanics --example verification -- page | tee $(VERIFY)/static.md
-	python3 solver/mechanics/verification/page.py $(VERIFY) docs "$$(git describe --always --dirty)"
 
 clean-run: ## forget the results of the bundled cohort, so that `make demo` starts anew
 	rm -rf -- $(COHORT)/run $(COHORT)/discover
