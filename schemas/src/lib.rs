@@ -8,6 +8,7 @@ pub mod biomarkers;
 pub mod cohort;
 pub mod discover;
 pub mod failure;
+pub mod finite_element;
 pub mod fit;
 pub mod hash;
 pub mod ids;

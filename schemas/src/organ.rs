@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::finite_element::FiniteElementOrgan;
 use crate::task::InputFile;
 
 /// Tanh active stress (Jung et al. 2022, eqs. A1-A3).
@@ -213,7 +214,7 @@ pub struct ActivationSpec {
     pub onset_ms: f64,
 }
 
-/// The organ that is simulated. The finite-element ventricle will be another variant.
+/// The organ that is simulated.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(tag = "fidelity", rename_all = "kebab-case", deny_unknown_fields)]
 pub enum OrganSpec {
@@ -224,6 +225,8 @@ pub enum OrganSpec {
         /// Its activation.
         activation: ActivationSpec,
     },
+    /// The 3D finite-element ventricle.
+    FiniteElement(Box<FiniteElementOrgan>),
 }
 
 /// How many beats are simulated.

@@ -121,6 +121,9 @@ pub struct PassiveStateResult {
     pub diastasis_volume_error_ml: Option<f64>,
     /// Biomarkers whose level was not reached before the beat's end, and other remarks.
     pub remarks: Vec<String>,
+    /// What step 0 of a finite-element ventricle cost: iterations, passes, seconds of each phase, by name.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub counters: BTreeMap<String, f64>,
 }
 
 /// A check of the science with what was found and what is allowed.

@@ -7,8 +7,10 @@ use serde::{Deserialize, Serialize};
 
 use crate::biomarkers::Biomarkers;
 use crate::ids::PatientId;
-use crate::settings::{ActivationSettings, Settings, StartMode};
-use crate::task::{InputFile, PassiveStateSpec, TaskSpec};
+use crate::organ::{BeatCount, CirculationSpec, ContractionSpec, OrganSpec, ValveParameters};
+use crate::outcome::PassiveStateResult;
+use crate::settings::{ActivationSettings, Fidelity, Settings, StartMode};
+use crate::task::{InputFile, OrganBeatSpec, PassiveStateSpec, TaskSpec};
 
 /// Which chain of tasks a patient runs through.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -59,6 +61,48 @@ impl ResolvedPatient {
         self.random_stream.as_ref().unwrap_or(&self.id)
     }
 
+    /// Step 0 as it is asked for: settings win, since a rerun may have changed them after the inputs were read.
+    #[must_use]
+    pub fn step0_spec(&self) -> PassiveStateSpec {
+        let solver = &self.settings.solver;
+        let in_3d = solver.fidelity == Fidelity::FiniteElement;
+        PassiveStateSpec {
+            start: solver.start,
+            activation: solver.activation,
+            finite_element: in_3d.then(|| solver.finite_element.anatomy(&self.effects)),
+            guccione_c_kpa: self.step0.guccione_c_kpa.filter(|_| in_3d),
+            ..self.step0.clone()
+        }
+    }
+
+    /// A beat of the organ that step 0 gave, with the patient's effects.
+    #[must_use]
+    pub fn beat_spec(
+        &self,
+        step0: &PassiveStateResult,
+        contraction: ContractionSpec,
+        valves: ValveParameters,
+        beats: BeatCount,
+    ) -> OrganBeatSpec {
+        let solver = &self.settings.solver;
+        let mut effects = step0.circulation.effects.clone();
+        effects.extend(self.effects.iter().cloned());
+        let in_3d = matches!(step0.organ, OrganSpec::FiniteElement(_));
+        OrganBeatSpec {
+            cycle_length_ms: self.step0.cycle_length_ms,
+            time_step_ms: solver.time_step_ms,
+            shortest_step_ms: solver.shortest_step_ms,
+            newton_iterations: if in_3d { solver.finite_element.newton_iterations } else { solver.newton_iterations },
+            organ: step0.organ.clone(),
+            circulation: CirculationSpec { effects, ..step0.circulation.clone() },
+            valves,
+            contraction,
+            beats,
+            measured_end_diastolic_volume_ml: step0.measured.edv_ml,
+            finite_element: in_3d.then(|| solver.finite_element.equations()),
+        }
+    }
+
     /// A member of a run without measured data: an element of a sweep, or a no-op.
     #[must_use]
     pub fn without_data(id: PatientId, workflow: Workflow) -> Self {
@@ -82,6 +126,8 @@ impl ResolvedPatient {
             biomarker_factors: BTreeMap::new(),
             passive_law: None,
             corrections: Vec::new(),
+            finite_element: None,
+            guccione_c_kpa: None,
         };
         Self {
             id,

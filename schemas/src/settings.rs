@@ -6,6 +6,7 @@ use std::collections::BTreeMap;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::finite_element::FiniteElementSettings;
 use crate::organ::{RICE_PARAMETERS, TanhParameters, ValveParameters};
 
 /// All settings.
@@ -30,6 +31,8 @@ pub struct Settings {
 pub enum Fidelity {
     /// One-fibre ventricle, milliseconds a beat.
     Reduced,
+    /// 3D finite-element ventricle, seconds to hours a beat.
+    FiniteElement,
 }
 
 /// Where a simulated beat starts (SPEC section 3).
@@ -52,12 +55,14 @@ pub struct SolverSettings {
     pub time_step_ms: f64,
     /// A step that fails is cut in halves down to this; then the simulation ends as diverged.
     pub shortest_step_ms: f64,
-    /// A step fails after so many Newton iterations.
+    /// A step of the reduced ventricle fails after so many Newton iterations.
     pub newton_iterations: u32,
     /// Where the beat starts.
     pub start: StartMode,
-    /// How the reduced ventricle is activated.
+    /// How the reduced ventricle is activated; `onset_ms` holds for the finite-element ventricle, too.
     pub activation: ActivationSettings,
+    /// The finite-element ventricle.
+    pub finite_element: FiniteElementSettings,
     /// Beats per simulation in step 1 and verification.
     pub beats: u32,
 }
@@ -71,6 +76,7 @@ impl Default for SolverSettings {
             newton_iterations: 60,
             start: StartMode::EndDiastole,
             activation: ActivationSettings::default(),
+            finite_element: FiniteElementSettings::default(),
             beats: 1,
         }
     }

@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::biomarkers::{Biomarkers, CellBiomarkers};
 use crate::discover::DiscoverSpec;
+use crate::finite_element::{AnatomySpec, EquationSettings};
 use crate::hash::{canonical_json, sha256_hex};
 use crate::ids::{AttemptId, TaskKey};
 use crate::organ::{
@@ -160,6 +161,12 @@ pub struct PassiveStateSpec {
     /// Artefacts that the traces are corrected for before anything is taken from them.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub corrections: Vec<EffectSpec>,
+    /// The finite-element ventricle to be made; absent: the reduced one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub finite_element: Option<AnatomySpec>,
+    /// Guccione's C where the patient file gives it: then it is not fitted. Finite-element ventricle only.
+    #[serde(rename = "guccione_C_kPa", default, skip_serializing_if = "Option::is_none")]
+    pub guccione_c_kpa: Option<f64>,
 }
 
 /// One simulation of the organ.
@@ -187,6 +194,9 @@ pub struct OrganBeatSpec {
     /// For `end_of_beat_gap`.
     #[serde(rename = "measured_end_diastolic_volume_mL")]
     pub measured_end_diastolic_volume_ml: Option<f64>,
+    /// How the equations of the finite-element ventricle are solved.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub finite_element: Option<EquationSettings>,
 }
 
 /// Median nodal traces and step 2's targets from an organ simulation's nodal traces.

@@ -288,6 +288,8 @@ fn plan(printed: &Printed, id: &str) -> ResolvedPatient {
             biomarker_factors: BTreeMap::new(),
             passive_law: None,
             corrections: Vec::new(),
+            finite_element: None,
+            guccione_c_kpa: None,
         },
         calcium: None,
         settings: Settings::default(),
@@ -362,6 +364,7 @@ fn finished(folder: &Folder, printed: &Printed, id: &str) -> PatientRecord {
         }],
         diastasis_volume_error_ml: Some(-1.4),
         remarks: Vec::new(),
+        counters: BTreeMap::new(),
     };
 
     let first = parameters([100.0, 40.0, 110.0, 550.0, 0.01, 0.01]);

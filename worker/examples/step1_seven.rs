@@ -1,10 +1,14 @@
 //! Step 1 of the seven bundled patients in this process, with its figures: costs, errors, minimal stretch, the volume
-//! left open at the end of the beat. `cargo run --release -p cardiotwin-worker --example step1_seven`
+//! left open at the end of the beat. `cargo run --release -p cardiotwin-worker --example step1_seven -- [onset=MS]
+//! [nodes=N] [patient=ID] [stop=first|best]`; with `nodes` on the finite-element ventricle.
 
 #[path = "../tests/support/mod.rs"]
 mod support;
 
+use std::time::Instant;
+
 use cardiotwin_schemas::biomarkers::Biomarkers;
+use cardiotwin_schemas::finite_element::FiniteElementSettings;
 use cardiotwin_schemas::organ::OrganSpec;
 use cardiotwin_schemas::settings::{Step1Settings, StopRule};
 use cardiotwin_worker::context::Context;
@@ -22,29 +26,50 @@ const ERRORS: [(&str, Of); 5] = [
 
 fn main() {
     let scratch = tempfile::tempdir().expect("a temporary directory");
-    let onset = std::env::args().nth(1).and_then(|text| text.parse().ok());
-    for stop in [StopRule::FirstConverged, StopRule::BestOfLimit] {
+    let argument =
+        |name: &str| std::env::args().find_map(|a| Some(a.strip_prefix(name)?.strip_prefix('=')?.to_owned()));
+    let onset = argument("onset").and_then(|text| text.parse().ok());
+    let nodes: Option<u32> = argument("nodes").and_then(|text| text.parse().ok());
+    let (patient, wanted) = (argument("patient"), argument("stop"));
+    for (name, stop) in [("first", StopRule::FirstConverged), ("best", StopRule::BestOfLimit)] {
+        if wanted.as_ref().is_some_and(|wanted| wanted != name) {
+            continue;
+        }
         println!("\nstop = {stop:?}");
         let mut sums = [0.0; 5];
         let mut counted = 0;
-        for id in support::PATIENTS {
+        for id in support::PATIENTS.into_iter().filter(|id| patient.as_ref().is_none_or(|wanted| wanted == id)) {
             let mut spec = support::step0(id);
+            spec.finite_element = nodes.map(|mesh_nodes| {
+                FiniteElementSettings { mesh_nodes, ..FiniteElementSettings::default() }.anatomy(&[])
+            });
+            let begun = Instant::now();
             spec.activation.onset_ms = onset;
             let mut context = Context::plain(scratch.path(), 1);
             let state = support::passive_state(&spec, &mut context);
             let settings = Step1Settings { stop, ..Step1Settings::default() };
             let (iterations, best, how) = support::step1(spec.cycle_length_ms, &state, &settings, &mut context);
             let costs: Vec<String> = iterations.iter().map(|iteration| format!("{:.3}", iteration.cost)).collect();
-            let OrganSpec::Reduced { passive, activation } = &state.organ;
-            println!(
-                "{id}: {how}, best {best:?}; onset {:.1} ms, b {:.1}; costs {}",
-                activation.onset_ms,
-                passive.exponent,
-                costs.join(" ")
-            );
+            let organ = match &state.organ {
+                OrganSpec::Reduced { passive, activation } => {
+                    format!("onset {:.1} ms, b {:.1}", activation.onset_ms, passive.exponent)
+                }
+                OrganSpec::FiniteElement(organ) => format!("{:.2?}, {:.1?}", organ.figures, state.counters),
+            };
+            let (seconds, costs) = (begun.elapsed().as_secs_f64(), costs.join(" "));
+            println!("{id}: {how}, best {best:?}; {organ}; {seconds:.1} s; costs {costs}");
             for iteration in &iterations {
-                if let Err(reason) = &iteration.result {
-                    println!("    failed: {reason}");
+                match &iteration.result {
+                    Err(reason) => println!("    failed: {reason}"),
+                    Ok(beat) if nodes.is_some() => println!(
+                        "    cost {:.3}: P_max {:.1?}, {:.1?} s, {:?} Newton a step, {:?} cut",
+                        iteration.cost,
+                        beat.biomarkers.p_max_mmhg,
+                        beat.counters.get("seconds_beat"),
+                        beat.counters.get("newton_iterations_per_step"),
+                        beat.counters.get("cut_steps"),
+                    ),
+                    Ok(_) => {}
                 }
             }
             let Some(iteration) = best.map(|best| &iterations[best]) else { continue };

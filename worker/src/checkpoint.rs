@@ -64,6 +64,18 @@ impl Checkpoints {
         self.last_generation
     }
 
+    /// Where this attempt writes the checkpoint `name`, if it writes any.
+    #[must_use]
+    pub fn own_file(&self, name: &str) -> Option<PathBuf> {
+        self.own.as_ref().map(|directory| directory.join("checkpoint").join(name))
+    }
+
+    /// Where earlier attempts may have left the checkpoint `name`, first choice first.
+    #[must_use]
+    pub fn earlier_files(&self, name: &str) -> Vec<PathBuf> {
+        self.earlier.iter().map(|directory| directory.join("checkpoint").join(name)).collect()
+    }
+
     /// Opens the journal of a search, with what the first earlier one of the same search holds.
     ///
     /// # Errors

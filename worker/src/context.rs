@@ -1,16 +1,23 @@
 //! What a task is given beside its specification.
 
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 use cardiotwin_schemas::hash::sha256_hex;
 use cardiotwin_schemas::outcome::Artefact;
 use cardiotwin_schemas::settings::InstructionSet;
+use cardiotwin_schemas::task::InputFile;
 
 use crate::checkpoint::Checkpoints;
 use crate::error::TaskError;
 use crate::files;
 use crate::progress::ProgressLog;
 use crate::stop::StopFlag;
+
+/// Simulated time between two checkpoints of a beat where nothing else is asked for \[ms\].
+pub const CHECKPOINT_MS: f64 = 100.0;
+/// A beat that is over sooner leaves no checkpoint.
+pub const CHECKPOINT_APART: Duration = Duration::from_secs(20);
 
 /// The surroundings of one task.
 #[derive(Debug)]
@@ -25,6 +32,10 @@ pub struct Context {
     pub progress: ProgressLog,
     /// Where work in hand is kept.
     pub checkpoints: Checkpoints,
+    /// Simulated time between two checkpoints of a beat \[ms\], 0 for none.
+    pub checkpoint_ms: f64,
+    /// Real time between two of them at least.
+    pub checkpoint_apart: Duration,
     /// Whether to stop.
     pub stop: StopFlag,
     /// A file whose existence means that the work is not wanted any more.
@@ -41,6 +52,8 @@ impl Context {
             instruction_set: InstructionSet::Auto,
             progress: ProgressLog::silent(),
             checkpoints: Checkpoints::none(),
+            checkpoint_ms: CHECKPOINT_MS,
+            checkpoint_apart: CHECKPOINT_APART,
             stop: StopFlag::default(),
             fence: None,
         }
@@ -86,6 +99,20 @@ impl Artefacts {
             bytes: content.len() as u64,
         });
         Ok(())
+    }
+
+    /// Writes `file` with `content` in the role `name`, whole or not at all: for what later tasks read.
+    ///
+    /// # Errors
+    /// [`TaskError::Write`] when the file system refuses.
+    pub fn write_bytes(&mut self, name: &str, file: &str, content: &[u8]) -> Result<InputFile, TaskError> {
+        let path = self.directory.join(file);
+        files::write_atomic(&path, content).map_err(|source| TaskError::Write { file: path.clone(), source })?;
+        let sha256 = sha256_hex(content);
+        let (name, file, bytes) = (name.to_owned(), file.to_owned(), content.len() as u64);
+        self.written.push(Artefact { name: name.clone(), file, sha256: sha256.clone(), bytes });
+        let path = std::path::absolute(&path).unwrap_or(path);
+        Ok(InputFile { name, path, sha256 })
     }
 
     /// What was written so far.

@@ -22,6 +22,7 @@ use cardiotwin_models::ventricle::VentricleError;
 use cardiotwin_signals::resample::ResampleError;
 use cardiotwin_signals::{BiomarkerError, TraceError};
 
+use crate::finite_element::FiniteElementError;
 use crate::nodal::NodalError;
 
 /// Why a task did not succeed.
@@ -152,6 +153,9 @@ pub enum TaskError {
     /// An accepted effect cannot be simulated.
     #[error("effects of the patient's model")]
     Effect(#[source] EffectError),
+    /// No finite-element ventricle.
+    #[error(transparent)]
+    FiniteElement(#[from] FiniteElementError),
     /// A simulated trace is not one: finite states were checked before.
     #[error("simulated trace")]
     SimulatedTrace(#[source] TraceError),
@@ -231,6 +235,7 @@ impl TaskError {
                 CellError::Parameter { .. } | CellError::Contraction(_) | CellError::Calcium(_) => FailureClass::Input,
                 _ => FailureClass::Numerics,
             },
+            Self::FiniteElement(error) => error.class(),
             Self::NoMedian { .. } | Self::SimulatedTrace(_) | Self::NoCell | Self::NoBeat { .. } => {
                 FailureClass::Numerics
             }
@@ -262,6 +267,7 @@ impl TaskError {
             Self::Organ(_) | Self::Contraction(_) | Self::Circulation(_) | Self::Cell(_) => {
                 Some("set bounds or start values so that the parameter stays inside the model's range")
             }
+            Self::FiniteElement(error) => error.remedy(),
             Self::NoMedian { .. } | Self::SimulatedTrace(_) => None,
             Self::NoBounds { .. } => Some("give it bounds in [step2.bounds]"),
             Self::UnknownWeight { .. } => Some("correct [step2.weights]"),

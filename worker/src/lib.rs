@@ -15,6 +15,7 @@ pub mod context;
 pub mod engine;
 pub mod error;
 pub mod files;
+pub mod finite_element;
 pub mod inputs;
 pub mod nodal;
 pub mod process;

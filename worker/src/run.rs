@@ -13,7 +13,7 @@ use cardiotwin_schemas::task::TaskSpec;
 
 use crate::attempt::{Attempt, AttemptError};
 use crate::checkpoint::Checkpoints;
-use crate::context::{Artefacts, Context};
+use crate::context::{Artefacts, CHECKPOINT_APART, CHECKPOINT_MS, Context};
 use crate::progress::ProgressLog;
 use crate::provenance::Beginning;
 use crate::stop::StopFlag;
@@ -32,6 +32,8 @@ pub fn run_attempt(directory: &Path, stop: &StopFlag, echo: bool) -> Result<Endi
         instruction_set: attempt.spec.instruction_set,
         progress: ProgressLog::in_directory(directory, echo),
         checkpoints: Checkpoints::of_attempt(directory, &attempt.spec.attempt),
+        checkpoint_ms: CHECKPOINT_MS,
+        checkpoint_apart: CHECKPOINT_APART,
         stop: stop.clone(),
         fence: Some(directory.join("fence")),
     };

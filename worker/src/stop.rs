@@ -5,29 +5,39 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Whether to stop at the next good place.
 #[derive(Debug, Clone, Default)]
-pub struct StopFlag(Arc<AtomicBool>);
+pub struct StopFlag {
+    stop: Arc<AtomicBool>,
+    checkpoint: Arc<AtomicBool>,
+}
 
 impl StopFlag {
-    /// A flag that SIGTERM and SIGINT raise instead of killing the process.
+    /// A flag that SIGTERM and SIGINT raise instead of killing the process; SIGUSR1 asks for a checkpoint.
     ///
     /// # Errors
     /// When the kernel refuses the handler.
     pub fn on_signals() -> std::io::Result<Self> {
         let flag = Self::default();
         for signal in [signal_hook::consts::SIGTERM, signal_hook::consts::SIGINT] {
-            signal_hook::flag::register(signal, Arc::clone(&flag.0))?;
+            signal_hook::flag::register(signal, Arc::clone(&flag.stop))?;
         }
+        signal_hook::flag::register(signal_hook::consts::SIGUSR1, Arc::clone(&flag.checkpoint))?;
         Ok(flag)
     }
 
     /// Asks to stop.
     pub fn raise(&self) {
-        self.0.store(true, Ordering::Relaxed);
+        self.stop.store(true, Ordering::Relaxed);
     }
 
     /// Whether stopping was asked for.
     #[must_use]
     pub fn is_raised(&self) -> bool {
-        self.0.load(Ordering::Relaxed)
+        self.stop.load(Ordering::Relaxed)
+    }
+
+    /// Whether a checkpoint was asked for since the last call.
+    #[must_use]
+    pub fn take_checkpoint(&self) -> bool {
+        self.checkpoint.swap(false, Ordering::Relaxed)
     }
 }

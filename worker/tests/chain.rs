@@ -22,7 +22,7 @@ fn traces_become_a_verified_cell() {
     let mut context = Context::plain(scratch.path(), 1);
     let step0 = support::step0("07-CoA");
     let state = support::passive_state(&step0, &mut context);
-    let OrganSpec::Reduced { passive, .. } = &state.organ;
+    let OrganSpec::Reduced { passive, .. } = &state.organ else { panic!("another organ") };
     assert!(passive.unloaded_volume_ml < passive.end_diastolic_volume_ml);
     assert!(state.diastasis_volume_error_ml.unwrap().abs() < 0.1, "{:?}", state.diastasis_volume_error_ml);
     assert_eq!(state.circulation.initial_windkessel_pressure_mmhg, step0.aortic_diastolic_mmhg.unwrap());

@@ -25,7 +25,11 @@ pub fn learned(world: &World, i: usize) -> Result<Option<ModelOverlay>, EngineEr
         _ => None,
     };
     let Some(TaskResult::PassiveState(step0)) = chain.step0.as_ref().and_then(result) else { return Ok(None) };
-    let OrganSpec::Reduced { passive, .. } = &step0.organ;
+    let passive = match &step0.organ {
+        OrganSpec::Reduced { passive, .. } => Some(*passive),
+        // Its law is that of a mesh: it stays with step 0's artefact.
+        OrganSpec::FiniteElement(_) => None,
+    };
     let fit = match chain.cell_fit.as_ref().and_then(result) {
         Some(TaskResult::CellFit(fit)) => Some(fit),
         _ => None,
@@ -43,7 +47,7 @@ pub fn learned(world: &World, i: usize) -> Result<Option<ModelOverlay>, EngineEr
         from: from.collect(),
         afterload: Some(step0.circulation.afterload),
         left_atrial_pressure_mmhg: Some(step0.circulation.left_atrial_pressure_mmhg),
-        passive: Some(*passive),
+        passive,
         tanh: chain.step1.as_ref().map(|s| s.parameters.tanh),
         valves: chain.step1.as_ref().map(|s| s.parameters.valves),
         // `a_p` stays out of the organ, but it was learned: the overlay keeps all that was fitted.

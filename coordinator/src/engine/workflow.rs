@@ -4,6 +4,7 @@
 //! A changed input or setting leads to another key and so to another task, from there on and nowhere before; a resumed
 //! run is the same derivation.
 
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
@@ -12,11 +13,11 @@ use cardiotwin_schemas::biomarkers::Biomarkers;
 use cardiotwin_schemas::failure::{Failure, FailureClass};
 use cardiotwin_schemas::hash::sha256_hex;
 use cardiotwin_schemas::ids::TaskKey;
-use cardiotwin_schemas::organ::{BeatCount, CirculationSpec, ContractionSpec, Step1Parameters, ValveParameters};
+use cardiotwin_schemas::organ::{BeatCount, ContractionSpec, OrganSpec, Step1Parameters, ValveParameters};
 use cardiotwin_schemas::outcome::{Artefact, CellFitResult, PassiveStateResult, TargetsResult, TaskResult};
 use cardiotwin_schemas::plan::{ResolvedPatient, Workflow};
 use cardiotwin_schemas::record::{StallReason, Step1Quality, Step1Summary};
-use cardiotwin_schemas::task::{InputFile, NoopSpec, OrganBeatSpec, TargetsSpec, TaskSpec};
+use cardiotwin_schemas::task::{InputFile, NoopSpec, TargetsSpec, TaskSpec};
 
 use super::{step1, step2};
 use crate::machine::chain::{Chain, ChainIteration};
@@ -130,14 +131,14 @@ impl<'a> Derivation<'a, '_> {
 
     fn personalise(&mut self) -> Derived<()> {
         let step0 = self.step0()?;
-        let (best, summary) = self.step1(step0)?;
+        let (best, summary) = self.step1(&step0)?;
         let parameters = summary.parameters;
         self.chain.step1 = Some(summary);
         let (targets, calcium) = self.targets(&best)?;
         let fit = self.step2(targets, calcium.clone())?;
         if self.plan.settings.verification.enabled {
             let contraction = step2::contraction(self.plan, fit, calcium);
-            self.verification(step0, contraction, parameters.valves)?;
+            self.verification(&step0, contraction, parameters.valves)?;
         }
         Ok(())
     }
@@ -154,42 +155,33 @@ impl<'a> Derivation<'a, '_> {
         }
     }
 
-    fn step0(&mut self) -> Derived<&'a PassiveStateResult> {
-        let solver = &self.plan.settings.solver;
-        let mut spec = self.plan.step0.clone();
-        // Settings win: a rerun may have changed them after the inputs were read.
-        spec.start = solver.start;
-        spec.activation = solver.activation;
+    fn step0(&mut self) -> Derived<Cow<'a, PassiveStateResult>> {
         let step = Step::only(Stage::Step0);
-        let done = self.result(step, TaskSpec::PassiveState(Box::new(spec)))?;
+        let done = self.result(step, TaskSpec::PassiveState(Box::new(self.plan.step0_spec())))?;
         let TaskResult::PassiveState(result) = done.result else { return Err(wrong_kind(step, done.result)) };
         self.chain.step0 = Some(done.key);
+        let mut result = Cow::Borrowed(result);
+        if let OrganSpec::FiniteElement(organ) = &result.organ {
+            // Where the run lies now; it may have been moved since.
+            let mut organ = organ.clone();
+            if let Some(file) = done.artefacts.iter().find(|a| a.name == organ.ventricle.name) {
+                organ.ventricle.path = done.directory.join(&file.file);
+            }
+            result.to_mut().organ = OrganSpec::FiniteElement(organ);
+        }
         Ok(result)
     }
 
     fn beat(&self, step0: &PassiveStateResult, contraction: ContractionSpec, valves: ValveParameters) -> TaskSpec {
-        let solver = &self.plan.settings.solver;
-        let mut effects = step0.circulation.effects.clone();
-        effects.extend(self.plan.effects.iter().cloned());
-        TaskSpec::OrganBeat(Box::new(OrganBeatSpec {
-            cycle_length_ms: self.plan.step0.cycle_length_ms,
-            time_step_ms: solver.time_step_ms,
-            shortest_step_ms: solver.shortest_step_ms,
-            newton_iterations: solver.newton_iterations,
-            organ: step0.organ.clone(),
-            circulation: CirculationSpec { effects, ..step0.circulation.clone() },
-            valves,
-            contraction,
-            beats: BeatCount::Fixed { n: solver.beats },
-            measured_end_diastolic_volume_ml: step0.measured.edv_ml,
-        }))
+        let beats = BeatCount::Fixed { n: self.plan.settings.solver.beats };
+        TaskSpec::OrganBeat(Box::new(self.plan.beat_spec(step0, contraction, valves, beats)))
     }
 
     fn step1_beat(&self, step0: &PassiveStateResult, parameters: &Step1Parameters) -> TaskSpec {
         self.beat(step0, ContractionSpec::Tanh { parameters: parameters.tanh }, parameters.valves)
     }
 
-    fn step1(&mut self, step0: &'a PassiveStateResult) -> Derived<(Published<'a>, Step1Summary)> {
+    fn step1(&mut self, step0: &PassiveStateResult) -> Derived<(Published<'a>, Step1Summary)> {
         let settings = &self.plan.settings.step1;
         let measured = step1::biomarkers(&step0.measured);
         let start = Step1Parameters { tanh: settings.initial, valves: settings.valves };

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use cardiotwin_schemas::finite_element::FiniteElementSettings;
 use cardiotwin_schemas::organ::CELL_PARAMETERS;
 use cardiotwin_schemas::settings::{CellFitSettings, STEP1_PARAMETERS, Settings, SolverSettings, Step1Settings};
 
@@ -126,6 +127,49 @@ impl List {
         if let Some(onset_ms) = solver.activation.onset_ms {
             self.within("solver.activation.onset_ms", onset_ms, 0.0, 1000.0);
         }
+        self.finite_element(&solver.finite_element);
+    }
+
+    fn finite_element(&mut self, settings: &FiniteElementSettings) {
+        let key = |name: &str| format!("solver.finite_element.{name}");
+        self.count(&key("mesh_nodes"), settings.mesh_nodes, 500, 2_000_000);
+        self.count(&key("newton_iterations"), settings.newton_iterations, 1, 1000);
+        self.positive(&key("tolerance"), settings.tolerance, 0.1);
+        let wall = &settings.wall;
+        for (name, value, high) in [
+            ("guccione_C_kPa", wall.guccione_c_kpa, 100.0),
+            ("b_f", wall.b_f, 1e3),
+            ("b_t", wall.b_t, 1e3),
+            ("b_fs", wall.b_fs, 1e3),
+            ("kappa_kPa", wall.kappa_kpa, 1e8),
+            ("aorta_mu_kPa", wall.aorta_mu_kpa, 1e5),
+            ("aorta_kappa_kPa", wall.aorta_kappa_kpa, 1e8),
+            ("density_g_per_mm3", wall.density_g_per_mm3, 1.0),
+            ("rim_spring_kPa_per_mm", wall.rim_spring_kpa_per_mm, 1e5),
+        ] {
+            self.positive(&key(&format!("wall.{name}")), value, high);
+        }
+        for (name, value, high) in [
+            ("mass_damping_per_ms", wall.mass_damping_per_ms, 100.0),
+            ("stiffness_damping_ms", wall.stiffness_damping_ms, 100.0),
+            ("epicardial_spring_kPa_per_mm", wall.epicardial_spring_kpa_per_mm, 1e5),
+            ("spectral_radius", wall.spectral_radius, 1.0),
+        ] {
+            self.within(&key(&format!("wall.{name}")), value, 0.0, high);
+        }
+        let fibres = &settings.fibres;
+        for (name, value) in [
+            ("alpha_endo_deg", fibres.alpha_endo_deg),
+            ("alpha_epi_deg", fibres.alpha_epi_deg),
+            ("beta_endo_deg", fibres.beta_endo_deg),
+            ("beta_epi_deg", fibres.beta_epi_deg),
+        ] {
+            self.within(&key(&format!("fibres.{name}")), value, -90.0, 90.0);
+        }
+        let speeds = &settings.conduction;
+        self.positive(&key("conduction.along_m_per_s"), speeds.along_m_per_s, 100.0);
+        self.positive(&key("conduction.across_m_per_s"), speeds.across_m_per_s, 100.0);
+        self.within(&key("conduction.endocardium_m_per_s"), speeds.endocardium_m_per_s, 0.0, 100.0);
     }
 
     fn step1(&mut self, step1: &Step1Settings) {

@@ -56,6 +56,8 @@ pub fn resolve(
         biomarker_factors: BTreeMap::new(),
         passive_law: overlay.and_then(|o| o.passive),
         corrections: overlay.map_or_else(Vec::new, |o| o.corrections.clone()),
+        finite_element: None,
+        guccione_c_kpa: file.passive.as_ref().and_then(|p| p.guccione_c_kpa),
     };
     Some(ResolvedPatient {
         id: PatientId(file.id.clone()),

@@ -7,6 +7,7 @@ use cardiotwin_schemas::biomarkers::{Biomarkers, CellBiomarkers};
 use cardiotwin_schemas::discover::Discovered;
 use cardiotwin_schemas::failure::{Failure, FailureClass};
 use cardiotwin_schemas::ids::AttemptId;
+use cardiotwin_schemas::organ::OrganSpec;
 use cardiotwin_schemas::outcome::{
     CellFitResult, CellSweepResult, Ending, OrganBeatResult, PassiveStateResult, TargetsResult, TaskOutcome, TaskResult,
 };
@@ -70,14 +71,27 @@ fn passive_state(r: &PassiveStateResult) -> Result<(), Failure> {
     finite("afterload C", w.compliance_ml_per_mmhg)?;
     finite("Windkessel pressure at the start", loads.initial_windkessel_pressure_mmhg)?;
     finite("left atrial pressure", loads.left_atrial_pressure_mmhg)?;
-    let cardiotwin_schemas::organ::OrganSpec::Reduced { passive, activation } = &r.organ;
-    positive("wall volume", passive.wall_volume_ml)?;
-    positive("unloaded volume", passive.unloaded_volume_ml)?;
-    positive("end-diastolic volume", passive.end_diastolic_volume_ml)?;
-    positive("passive stiffness", passive.stiffness_kpa)?;
-    finite("passive exponent", passive.exponent)?;
-    finite("end-diastolic pressure", passive.end_diastolic_pressure_mmhg)?;
-    finite("activation onset", activation.onset_ms)?;
+    match &r.organ {
+        OrganSpec::Reduced { passive, activation } => {
+            positive("wall volume", passive.wall_volume_ml)?;
+            positive("unloaded volume", passive.unloaded_volume_ml)?;
+            positive("end-diastolic volume", passive.end_diastolic_volume_ml)?;
+            positive("passive stiffness", passive.stiffness_kpa)?;
+            finite("passive exponent", passive.exponent)?;
+            finite("end-diastolic pressure", passive.end_diastolic_pressure_mmhg)?;
+            finite("activation onset", activation.onset_ms)?;
+        }
+        OrganSpec::FiniteElement(organ) => {
+            let figures = &organ.figures;
+            positive("wall volume", figures.wall_volume_ml)?;
+            positive("unloaded volume", figures.unloaded_volume_ml)?;
+            positive("end-diastolic volume", figures.end_diastolic_volume_ml)?;
+            positive("passive stiffness", figures.stiffness_kpa)?;
+            finite("end-diastolic pressure", figures.end_diastolic_pressure_mmhg)?;
+            finite("activation onset", figures.onset_ms)?;
+            finite("activation spread", figures.spread_ms)?;
+        }
+    }
     biomarkers(&r.measured)
 }
 

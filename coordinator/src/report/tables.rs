@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 
 use cardiotwin_schemas::biomarkers::CellBiomarkers;
+use cardiotwin_schemas::finite_element::VentricleFigures;
 use cardiotwin_schemas::organ::OrganSpec;
 use cardiotwin_schemas::outcome::{CellFitResult, FittedParameter, OrganBeatResult};
 use cardiotwin_schemas::record::PatientRecord;
@@ -235,16 +236,20 @@ pub fn cell_fit(fit: &CellFitResult) -> Markup {
 pub fn passive_and_loads(patient: &PatientRecord) -> Option<Markup> {
     let result = &patient.step0.as_ref()?.result;
     let load = &result.circulation;
-    let OrganSpec::Reduced { passive, activation } = &result.organ;
-    let rows = [
-        ("wall volume", passive.wall_volume_ml, "mL", "wall_volume_mL"),
-        ("unloaded volume", passive.unloaded_volume_ml, "mL", "unloaded_volume_mL"),
-        ("end-diastolic volume", passive.end_diastolic_volume_ml, "mL", "end_diastolic_volume_mL"),
-        ("end-diastolic pressure", passive.end_diastolic_pressure_mmhg, "mmHg", "end_diastolic_pressure_mmHg"),
-        ("passive stiffness", passive.stiffness_kpa, "kPa", "stiffness_kPa"),
-        ("passive exponent", passive.exponent, "", "passive_exponent"),
-        ("activation onset", activation.onset_ms, "ms", "onset_ms"),
-        ("activation spread", activation.spread_ms, "ms", "spread_ms"),
+    let mut rows = match &result.organ {
+        OrganSpec::Reduced { passive, activation } => vec![
+            ("wall volume", passive.wall_volume_ml, "mL", "wall_volume_mL"),
+            ("unloaded volume", passive.unloaded_volume_ml, "mL", "unloaded_volume_mL"),
+            ("end-diastolic volume", passive.end_diastolic_volume_ml, "mL", "end_diastolic_volume_mL"),
+            ("end-diastolic pressure", passive.end_diastolic_pressure_mmhg, "mmHg", "end_diastolic_pressure_mmHg"),
+            ("passive stiffness", passive.stiffness_kpa, "kPa", "stiffness_kPa"),
+            ("passive exponent", passive.exponent, "", "passive_exponent"),
+            ("activation onset", activation.onset_ms, "ms", "onset_ms"),
+            ("activation spread", activation.spread_ms, "ms", "spread_ms"),
+        ],
+        OrganSpec::FiniteElement(organ) => finite_element(&organ.figures),
+    };
+    rows.extend([
         ("left atrial pressure", load.left_atrial_pressure_mmhg, "mmHg", "left_atrial_pressure_mmHg"),
         (
             "characteristic resistance",
@@ -265,7 +270,7 @@ pub fn passive_and_loads(patient: &PatientRecord) -> Option<Markup> {
             "mmHg",
             "initial_windkessel_pressure_mmHg",
         ),
-    ];
+    ]);
     // Keys of estimates may carry their table, as in `afterload.compliance_mL_per_mmHg`, or name a whole table.
     let estimated = |key: &str| {
         result.estimates.iter().any(|e| {
@@ -293,6 +298,25 @@ pub fn passive_and_loads(patient: &PatientRecord) -> Option<Markup> {
             }
         }
     }))
+}
+
+/// Rows of a finite-element ventricle: name, value, unit, key.
+fn finite_element(figures: &VentricleFigures) -> Vec<(&'static str, f64, &'static str, &'static str)> {
+    vec![
+        ("nodes of the mesh", figures.nodes as f64, "", "nodes"),
+        ("tetrahedra", figures.elements as f64, "", "elements"),
+        ("mean edge", figures.mean_edge_mm, "mm", "mean_edge_mm"),
+        ("wall volume", figures.wall_volume_ml, "mL", "wall_volume_mL"),
+        ("image volume", figures.image_volume_ml, "mL", "image_volume_mL"),
+        ("image pressure", figures.image_pressure_mmhg, "mmHg", "image_pressure_mmHg"),
+        ("unloaded volume", figures.unloaded_volume_ml, "mL", "unloaded_volume_mL"),
+        ("end-diastolic volume", figures.end_diastolic_volume_ml, "mL", "end_diastolic_volume_mL"),
+        ("end-diastolic pressure", figures.end_diastolic_pressure_mmhg, "mmHg", "end_diastolic_pressure_mmHg"),
+        ("passive stiffness C", figures.stiffness_kpa, "kPa", "stiffness_kPa"),
+        ("factor of the exponents", figures.exponent_factor, "", "exponent_factor"),
+        ("activation onset", figures.onset_ms, "ms", "onset_ms"),
+        ("activation spread", figures.spread_ms, "ms", "spread_ms"),
+    ]
 }
 
 /// Checks of the science that did not hold, of a simulation.

@@ -128,6 +128,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         activation_ms: &times,
         cycle_length,
         pressure_terms: vec![],
+        viscosity: None,
         settings: StepSettings {
             linear,
             relative_tolerance: argument("tolerance", 1e-4),

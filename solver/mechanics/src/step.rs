@@ -178,6 +178,18 @@ impl Solver {
         Self { tangent: dynamics.body.new_tangent(), direct: None, stale: true, response: vec![] }
     }
 
+    /// Where the next solve for the response to pressure begins; empty before the first.
+    #[must_use]
+    pub fn response(&self) -> &[f64] {
+        &self.response
+    }
+
+    /// Begins the next solve for the response to pressure there; with an empty slice, at zero.
+    pub fn respond_from(&mut self, response: &[f64]) {
+        self.response.clear();
+        self.response.extend_from_slice(response);
+    }
+
     /// Forgets what was kept from step to step: the next step then depends on its start alone.
     pub fn forget(&mut self) {
         self.stale = true;

@@ -67,6 +67,7 @@ fn ventricle(anatomy: &Anatomy, times: &[f64]) -> FiniteElementVentricle {
         activation_ms: times,
         cycle_length: Ms(660.0),
         pressure_terms: vec![],
+        viscosity: None,
         settings: StepSettings::default(),
     };
     FiniteElementVentricle::new(parts).expect("a ventricle")
@@ -156,7 +157,6 @@ fn a_beat_ends_balances_its_volumes_and_goes_on_from_a_snapshot() {
     let mut first = ventricle(&anatomy, &times);
     let mut blood = circulation();
     half(&mut first, &mut blood, 60);
-    first.forget_solver();
     let (wall, load) = (first.snapshot(), blood.snapshot());
     let uninterrupted = half(&mut first, &mut blood, 30);
     let mut second = ventricle(&anatomy, &times);

@@ -5,6 +5,8 @@ use crate::circulation::{Circulation, CirculationState};
 use crate::ventricle::{Ventricle, VentricleError, VentricleSnapshot};
 use cardiotwin_units::{Ml, Mmhg, Ms};
 use serde::{Deserialize, Serialize};
+use std::convert::Infallible;
+use std::ops::ControlFlow;
 
 /// How many beats to run.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -212,7 +214,13 @@ impl BeatTraces {
         }
     }
 
-    fn record(&mut self, time_ms: f64, ventricle: &dyn Ventricle, circulation: &Circulation, probes: &Probes) {
+    fn record<V: Ventricle + ?Sized>(
+        &mut self,
+        time_ms: f64,
+        ventricle: &V,
+        circulation: &Circulation,
+        probes: &Probes,
+    ) {
         let pressure = |idx: Option<usize>| idx.map_or(0.0, |i| circulation.pressure(i).0);
         let flow = |idx: Option<usize>| idx.map_or(0.0, |i| circulation.flow(i).0);
         let open = |idx: Option<usize>| idx.is_some_and(|i| circulation.is_open(i));
@@ -239,9 +247,66 @@ impl BeatTraces {
     }
 }
 
+/// Where a run stands between two output intervals: with the states of ventricle and circulation, all that it needs to go on.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct RunProgress {
+    /// Number of the beat, from one.
+    pub n_beats: usize,
+    /// Output intervals of this beat that are over.
+    pub intervals: usize,
+    /// Length of the next step \[ms\].
+    pub next_step_ms: f64,
+    /// Time at the beat's start \[ms\].
+    pub beat_start_ms: f64,
+    /// Volume at the beat's start \[mL\].
+    pub start_volume_ml: f64,
+    /// Circulation at the beat's start.
+    pub start_circulation: CirculationState,
+    /// Volume that had come in before the beat's start \[mL\].
+    pub start_volume_in_ml: f64,
+    /// Work so far.
+    pub work: BeatWork,
+    /// Traces of the beat so far.
+    pub traces: BeatTraces,
+}
+
+/// What an observer of a run sees after every output interval.
+#[derive(Debug)]
+pub struct Observed<'a, V: ?Sized> {
+    /// Where the run stands.
+    pub progress: &'a RunProgress,
+    /// Ventricle; only what does not change its committed state may be done with it.
+    pub ventricle: &'a mut V,
+    /// Circulation.
+    pub circulation: &'a Circulation,
+}
+
+impl<V: Ventricle + ?Sized> Observed<'_, V> {
+    /// Time of the last committed step \[ms\].
+    #[must_use]
+    pub fn ventricle_time_ms(&self) -> f64 {
+        self.ventricle.time().0
+    }
+}
+
 /// Runs beats from the present state of both sides. The step is cut by half on failure and doubled after a success, and
 /// always ends on the output grid.
 pub fn run_beats(ventricle: &mut dyn Ventricle, circulation: &mut Circulation, settings: &BeatSettings) -> BeatOutcome {
+    match run_observed(ventricle, circulation, settings, None, |_| ControlFlow::<Infallible>::Continue(())) {
+        ControlFlow::Continue(outcome) => outcome,
+        ControlFlow::Break(never) => match never {},
+    }
+}
+
+/// As [`run_beats`], from the start or from where an earlier run stood, whose states both sides then have. `observe` is
+/// called after every output interval; what it breaks with ends the run.
+pub fn run_observed<V: Ventricle + ?Sized, B>(
+    ventricle: &mut V,
+    circulation: &mut Circulation,
+    settings: &BeatSettings,
+    from: Option<RunProgress>,
+    mut observe: impl FnMut(Observed<'_, V>) -> ControlFlow<B>,
+) -> ControlFlow<B, BeatOutcome> {
     let probes = Probes::new(circulation);
     let length = settings.cycle_length.0;
     // A last interval shorter than a thousandth of a step is round-off of the cycle length.
@@ -250,45 +315,59 @@ pub fn run_beats(ventricle: &mut dyn Ventricle, circulation: &mut Circulation, s
         Beats::Exactly(n) => (n.max(1), None),
         Beats::UntilPeriodic { limit, volume, pressure } => (limit.max(1), Some((volume.0, pressure.0))),
     };
-    let mut traces = BeatTraces::default();
-    let mut work = BeatWork::default();
-    let mut next_step = settings.step.0;
-    let mut n_beats = 0;
-    loop {
-        n_beats += 1;
-        let before = (ventricle.volume().0, circulation.snapshot());
-        let volume_in = circulation.net_volume_in().0;
-        let beat_start = ventricle.time().0;
+    let begun = |n_beats, next_step_ms, work, ventricle: &mut V, circulation: &Circulation| {
+        let mut progress = RunProgress {
+            n_beats,
+            intervals: 0,
+            next_step_ms,
+            beat_start_ms: ventricle.time().0,
+            start_volume_ml: ventricle.volume().0,
+            start_circulation: circulation.snapshot(),
+            start_volume_in_ml: circulation.net_volume_in().0,
+            work,
+            traces: BeatTraces::default(),
+        };
         let nodes = settings.record_nodes.then(|| empty_nodes(ventricle, n_intervals + 1));
-        traces.clear(n_intervals + 1, nodes);
-        traces.record(0.0, ventricle, circulation, &probes);
-        for interval in 1..=n_intervals {
+        progress.traces.clear(n_intervals + 1, nodes);
+        progress.traces.record(0.0, ventricle, circulation, &probes);
+        progress
+    };
+    let mut now = from.unwrap_or_else(|| begun(1, settings.step.0, BeatWork::default(), ventricle, circulation));
+    loop {
+        while now.intervals < n_intervals {
+            let interval = now.intervals + 1;
             let grid = if interval == n_intervals { length } else { interval as f64 * settings.step.0 };
-            let end = beat_start + grid;
-            if let Err(reason) = advance(ventricle, circulation, end, settings, &mut next_step, &mut work) {
+            let end = now.beat_start_ms + grid;
+            let (next_step, work) = (&mut now.next_step_ms, &mut now.work);
+            if let Err(reason) = advance(ventricle, circulation, end, settings, next_step, work) {
                 ventricle.roll_back();
                 circulation.roll_back();
                 let last_good = RunState { ventricle: ventricle.snapshot(), circulation: circulation.snapshot() };
-                let (last_good, traces) = (Box::new(last_good), Box::new(traces));
-                return BeatOutcome::Diverged { t: ventricle.time(), last_good, reason, traces, work };
+                let (last_good, traces) = (Box::new(last_good), Box::new(now.traces));
+                let (t, work) = (ventricle.time(), now.work);
+                return ControlFlow::Continue(BeatOutcome::Diverged { t, last_good, reason, traces, work });
             }
-            traces.record(grid, ventricle, circulation, &probes);
+            now.traces.record(grid, ventricle, circulation, &probes);
+            now.intervals = interval;
+            observe(Observed { progress: &now, ventricle, circulation })?;
         }
-        let volume_change_ml = ventricle.volume().0 - before.0;
+        let volume_change_ml = ventricle.volume().0 - now.start_volume_ml;
         let after = circulation.snapshot();
-        let pressure_change_mmhg = (after.pressures_mmhg.iter().zip(&before.1.pressures_mmhg))
+        let pressure_change_mmhg = (after.pressures_mmhg.iter().zip(&now.start_circulation.pressures_mmhg))
             .fold(0.0, |largest: f64, (a, b)| largest.max((a - b).abs()));
         let periodic = tolerance.map(|(v, p)| volume_change_ml.abs() <= v && pressure_change_mmhg <= p);
-        if n_beats >= limit || periodic == Some(true) {
-            let imbalance = volume_change_ml - (circulation.net_volume_in().0 - volume_in);
+        if now.n_beats >= limit || periodic == Some(true) {
+            let imbalance = volume_change_ml - (circulation.net_volume_in().0 - now.start_volume_in_ml);
+            let RunProgress { n_beats, work, traces, .. } = now;
             let checks = checks(&traces, imbalance, length);
             let result = BeatResult { traces, n_beats, volume_change_ml, pressure_change_mmhg, periodic, checks, work };
-            return BeatOutcome::Finished(Box::new(result));
+            return ControlFlow::Continue(BeatOutcome::Finished(Box::new(result)));
         }
+        now = begun(now.n_beats + 1, now.next_step_ms, now.work, ventricle, circulation);
     }
 }
 
-fn empty_nodes(ventricle: &dyn Ventricle, n_samples: usize) -> NodalTraces {
+fn empty_nodes<V: Ventricle + ?Sized>(ventricle: &V, n_samples: usize) -> NodalTraces {
     let n_nodes = ventricle.activation_times_ms().len();
     let reserve = || Vec::with_capacity(n_nodes * n_samples);
     NodalTraces {
@@ -302,8 +381,8 @@ fn empty_nodes(ventricle: &dyn Ventricle, n_samples: usize) -> NodalTraces {
 }
 
 /// Steps until `end_ms`.
-fn advance(
-    ventricle: &mut dyn Ventricle,
+fn advance<V: Ventricle + ?Sized>(
+    ventricle: &mut V,
     circulation: &mut Circulation,
     end_ms: f64,
     settings: &BeatSettings,

@@ -66,12 +66,12 @@ pub struct PeriodicTiming {
 /// # Errors
 /// Never for the built-in parameters.
 pub fn beat() -> Result<BeatTiming, TaskError> {
-    let spec = average_ventricle();
+    let (spec, passive, activation) = average_ventricle();
     let mut steps = 0;
     let mut run = |record_nodes: bool| -> Result<(f64, usize), TaskError> {
         let settings = BeatSettings { record_nodes, ..BeatSettings::one_beat(Ms(CYCLE_MS)) };
         median_seconds(|| {
-            let Assembled { mut ventricle, mut circulation, .. } = organ_beat::organ(&spec)?;
+            let Assembled { mut ventricle, mut circulation, .. } = organ_beat::reduced(&spec, &passive, &activation)?;
             if let BeatOutcome::Finished(result) = run_beats(&mut ventricle, &mut circulation, &settings) {
                 steps = result.work.n_steps;
             }
@@ -80,7 +80,6 @@ pub fn beat() -> Result<BeatTiming, TaskError> {
     };
     let (without, repetitions) = run(false)?;
     let (with, _) = run(true)?;
-    let OrganSpec::Reduced { activation, .. } = &spec.organ;
     let groups = activation.groups;
     Ok(BeatTiming { ms_per_beat: 1e3 * without, ms_per_beat_with_nodes: 1e3 * with, steps, groups, repetitions })
 }
@@ -136,7 +135,7 @@ fn median_seconds(mut work: impl FnMut() -> Result<(), TaskError>) -> Result<(f6
 }
 
 /// A ventricle in the middle of the bundled cohort.
-fn average_ventricle() -> OrganBeatSpec {
+fn average_ventricle() -> (OrganBeatSpec, OneFibrePassive, ActivationSpec) {
     let passive = OneFibrePassive {
         wall_volume_ml: 97.5,
         unloaded_volume_ml: 71.0,
@@ -150,15 +149,13 @@ fn average_ventricle() -> OrganBeatSpec {
         peripheral_resistance_mmhg_s_per_ml: 0.85,
         compliance_ml_per_mmhg: 1.5,
     };
-    OrganBeatSpec {
+    let activation = ActivationSpec { spread_ms: 40.0, groups: 16, onset_ms: 0.0 };
+    let spec = OrganBeatSpec {
         cycle_length_ms: CYCLE_MS,
         time_step_ms: 1.0,
         shortest_step_ms: 1.0 / 64.0,
         newton_iterations: 60,
-        organ: OrganSpec::Reduced {
-            passive,
-            activation: ActivationSpec { spread_ms: 40.0, groups: 16, onset_ms: 0.0 },
-        },
+        organ: OrganSpec::Reduced { passive, activation },
         circulation: CirculationSpec {
             afterload,
             initial_windkessel_pressure_mmhg: 70.0,
@@ -169,7 +166,9 @@ fn average_ventricle() -> OrganBeatSpec {
         contraction: ContractionSpec::Tanh { parameters: TanhParameters::default() },
         beats: BeatCount::Fixed { n: 1 },
         measured_end_diastolic_volume_ml: None,
-    }
+        finite_element: None,
+    };
+    (spec, passive, activation)
 }
 
 /// The processor as it calls itself.

@@ -6,8 +6,9 @@ use std::path::{Path, PathBuf};
 
 use cardiotwin_calibrate::fixed_point::{self, Bounds, Decision, History, Outcome, Parameter};
 use cardiotwin_schemas::biomarkers::Biomarkers;
+use cardiotwin_schemas::finite_element::FiniteElementSettings;
 use cardiotwin_schemas::hash::sha256_hex;
-use cardiotwin_schemas::organ::{BeatCount, ContractionSpec, Step1Parameters};
+use cardiotwin_schemas::organ::{BeatCount, ContractionSpec, OrganSpec, Step1Parameters};
 use cardiotwin_schemas::outcome::{
     CellFitResult, Ending, OrganBeatResult, PassiveStateResult, TargetsResult, TaskResult,
 };
@@ -57,6 +58,8 @@ pub fn step0(id: &str) -> PassiveStateSpec {
         biomarker_factors: BTreeMap::new(),
         passive_law: None,
         corrections: Vec::new(),
+        finite_element: None,
+        guccione_c_kpa: None,
     }
 }
 
@@ -86,13 +89,20 @@ pub fn beat_spec(
         cycle_length_ms,
         time_step_ms: 1.0,
         shortest_step_ms: SolverSettings::default().shortest_step_ms,
-        newton_iterations: SolverSettings::default().newton_iterations,
+        newton_iterations: match state.organ {
+            OrganSpec::Reduced { .. } => SolverSettings::default().newton_iterations,
+            OrganSpec::FiniteElement(_) => FiniteElementSettings::default().newton_iterations,
+        },
         organ: state.organ.clone(),
         circulation: state.circulation.clone(),
         valves: parameters.valves,
         contraction,
         beats: BeatCount::Fixed { n: 1 },
         measured_end_diastolic_volume_ml: state.measured.edv_ml,
+        finite_element: match state.organ {
+            OrganSpec::Reduced { .. } => None,
+            OrganSpec::FiniteElement(_) => Some(FiniteElementSettings::default().equations()),
+        },
     }
 }
 

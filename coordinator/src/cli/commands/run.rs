@@ -39,6 +39,12 @@ pub struct RunArgs {
     /// Work on these patients only (may be given several times)
     #[arg(long = "patient", value_name = "PATIENT")]
     patients: Vec<String>,
+    /// Which ventricle is simulated (solver.fidelity)
+    #[arg(long, value_name = "NAME", value_parser = ["reduced", "finite-element"])]
+    fidelity: Option<String>,
+    /// About how many nodes the finite-element mesh has (solver.finite_element.mesh_nodes)
+    #[arg(long, value_name = "N")]
+    mesh_nodes: Option<u32>,
     /// Settings on top of all files (may be given several times); `config show` lists the keys
     #[arg(long = "set", value_name = "KEY=VALUE")]
     set: Vec<String>,
@@ -94,6 +100,8 @@ fn load(args: &RunArgs, folders: &Folders, talk: &Talk) -> Result<Cohort, CliErr
         return Err(CliError::Usage(message));
     };
     let mut set = args.set.clone();
+    set.extend(args.fidelity.iter().map(|name| format!("solver.fidelity={name}")));
+    set.extend(args.mesh_nodes.map(|n| format!("solver.finite_element.mesh_nodes={n}")));
     set.extend(args.workers.map(|n| format!("executor.workers={n}")));
     let mut report = Report::default();
     let cohort = input::load(directory, &Options { set, ..Options::default() }, &mut report);

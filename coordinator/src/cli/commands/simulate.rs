@@ -167,7 +167,7 @@ fn passive_state(
     worker: &Path,
     scratch: &Path,
 ) -> Result<PassiveStateResult, CliError> {
-    let task = TaskSpec::PassiveState(Box::new(plan.step0.clone()));
+    let task = TaskSpec::PassiveState(Box::new(plan.step0_spec()));
     if let Some(step0) = record.and_then(|record| record.step0.as_ref()).filter(|step0| step0.key == task.key()) {
         return Ok(step0.result.clone());
     }
@@ -198,20 +198,7 @@ fn specification(
     } else {
         ContractionSpec::Tanh { parameters: tanh }
     };
-    let mut circulation = passive.circulation.clone();
-    circulation.effects.extend(plan.effects.iter().cloned());
-    Ok(OrganBeatSpec {
-        cycle_length_ms: plan.step0.cycle_length_ms,
-        time_step_ms: plan.settings.solver.time_step_ms,
-        shortest_step_ms: plan.settings.solver.shortest_step_ms,
-        newton_iterations: plan.settings.solver.newton_iterations,
-        organ: passive.organ.clone(),
-        circulation,
-        valves,
-        contraction,
-        beats,
-        measured_end_diastolic_volume_ml: passive.measured.edv_ml,
-    })
+    Ok(plan.beat_spec(passive, contraction, valves, beats))
 }
 
 /// Puts `name=value` wherever the specification has a leaf of this name.

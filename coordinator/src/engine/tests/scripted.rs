@@ -109,6 +109,7 @@ fn passive_state(edp_mmhg: f64) -> TaskResult {
         estimates: vec![],
         diastasis_volume_error_ml: None,
         remarks: vec![],
+        counters: Default::default(),
     })
 }
 

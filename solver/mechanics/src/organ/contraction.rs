@@ -10,6 +10,7 @@ use std::sync::Arc;
 
 use cardiotwin_models::calcium::Calcium;
 use cardiotwin_models::contraction::{Contraction, ContractionError, NodeStep};
+use cardiotwin_models::effects::FibreViscosity;
 use cardiotwin_models::ventricle::GroupContraction;
 
 use super::anatomy::Anatomy;
@@ -39,6 +40,7 @@ pub struct PointContraction {
     calcium: Option<Arc<dyn Calcium>>,
     cycle_length_ms: f64,
     convention: ActiveConvention,
+    viscosity: Option<FibreViscosity>,
     /// Position of each point: entry of eight and lane.
     places: Vec<(u32, u8)>,
     n_batches: usize,
@@ -103,6 +105,7 @@ impl PointContraction {
             calcium,
             cycle_length_ms,
             convention,
+            viscosity: None,
             places,
             n_batches,
             activation_ms: times,
@@ -114,6 +117,13 @@ impl PointContraction {
         points.begin_step(0.0);
         points.now.ca_um.clone_from(&points.trial.ca_um);
         points
+    }
+
+    /// The same with viscous stress along the fibre. It is no part of the active stress of the nodal traces.
+    #[must_use]
+    pub fn with_viscosity(mut self, viscosity: Option<FibreViscosity>) -> Self {
+        self.viscosity = viscosity;
+        self
     }
 
     /// Sets the time at the end of the step to be tried.
@@ -240,8 +250,13 @@ impl PointStress for PointContraction {
                 ActiveConvention::FirstPiola => 1.0 / ed,
                 ActiveConvention::SecondPiola => 1.0 / (ed * ed),
             };
-            out[idx].sa_kpa[lane] = factor * stress.sa_kpa;
-            out[idx].slope_kpa[lane] = factor * stress.dsa_dlambda_kpa / ed;
+            let (viscous, slope) = self.viscosity.map_or((0.0, 0.0), |viscosity| {
+                let change = lambda - self.now.lambda[k];
+                let eta = if change < 0.0 { viscosity.shortening_kpa_ms } else { viscosity.lengthening_kpa_ms };
+                (eta * change / dt_ms, eta / dt_ms)
+            });
+            out[idx].sa_kpa[lane] = factor * (stress.sa_kpa + viscous);
+            out[idx].slope_kpa[lane] = factor * (stress.dsa_dlambda_kpa + slope) / ed;
         }
         Ok(())
     }

@@ -143,6 +143,30 @@ impl PassiveState {
         Ok(Self { dynamics, stiffness_kpa, u, pressure_kpa: 0.0, newton_iterations: 0, passes: 0, anchor, solver })
     }
 
+    /// A state that was found before, from what [`Self::unloaded`], [`Self::anchor`] and `u` held then.
+    ///
+    /// - `unloaded`, `anchor`, `u`: one entry, or three numbers, a node of `anatomy`
+    ///
+    /// # Errors
+    /// [`PassiveStateError::Wall`] for bad parameters or surfaces.
+    pub fn restored(
+        anatomy: &Anatomy,
+        wall: &WallParameters,
+        unloaded: &[[f64; 3]],
+        anchor: Vec<f64>,
+        u: Vec<f64>,
+        pressure_kpa: f64,
+    ) -> Result<Self, PassiveStateError> {
+        let state = Self::at(anatomy, wall, unloaded, anchor)?;
+        Ok(Self { u, pressure_kpa, ..state })
+    }
+
+    /// What the rim's springs rest away from the image \[mm\].
+    #[must_use]
+    pub fn anchor(&self) -> &[f64] {
+        &self.anchor
+    }
+
     /// As it is, with the work of another state that it goes on from.
     fn after(self, newton_iterations: usize, passes: usize) -> Self {
         Self { newton_iterations, passes, ..self }
@@ -409,8 +433,13 @@ pub fn fit(
         let (fitted, volume) = match (at(&mut state, ln_c.exp()), last) {
             (Ok(found), _) => found,
             // Too far in one go, or beyond what holds the load at all: half the way, as long as that is a way.
-            (Err(_), Some(last)) if (ln_c - last).abs() > 0.05 => {
+            (Err(_), Some(last)) if (ln_c - last).abs() > 0.2 => {
                 ln_c = 0.5 * (ln_c + last);
+                continue;
+            }
+            // Too soft a start to bear the load.
+            (Err(_), None) if ln_c + 0.7 <= highest => {
+                ln_c += 0.7;
                 continue;
             }
             (Err(error), None) => return Err(error),
@@ -422,6 +451,11 @@ pub fn fit(
             return Ok((state, fitted));
         }
         let too_stiff = (miss > 0.0) == grows;
+        // Softer, and yet it grows less: a soft law lives where it is steep. More than this the exponents do not allow.
+        if too_stiff && !grows && ends[1].is_some_and(|(stiffer, before)| ln_c < stiffer && miss <= before + 1e-4) {
+            ends[0] = Some((ln_c, miss));
+            break;
+        }
         ends[usize::from(too_stiff)] = Some((ln_c, miss));
         let next = match ends {
             [Some((a, f)), Some((b, g))] => (a - f * (b - a) / (g - f)).clamp(a + 0.05 * (b - a), b - 0.05 * (b - a)),

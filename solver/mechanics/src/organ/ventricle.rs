@@ -1,6 +1,7 @@
 //! The finite-element ventricle behind the interface of all ventricles.
 
 use cardiotwin_models::circulation::{Circulation, CirculationError};
+use cardiotwin_models::effects::FibreViscosity;
 use cardiotwin_models::ventricle::{
     CavityPressureTerm, GroupContraction, TriedStep, Ventricle, VentricleError, VentricleSnapshot,
 };
@@ -15,7 +16,7 @@ use crate::dynamics::{Candidate, Dynamics, State};
 use crate::step::{Closure, PointStress, Solver, StepError, StepReport, StepSettings, step};
 
 /// Kind in snapshots.
-const KIND: &str = "finite-element 1";
+const KIND: &str = "finite-element 2";
 
 /// Everything that defines a finite-element ventricle.
 #[derive(Debug)]
@@ -34,6 +35,8 @@ pub struct VentricleParts<'a> {
     pub cycle_length: Ms,
     /// Further parts of the cavity pressure.
     pub pressure_terms: Vec<Box<dyn CavityPressureTerm>>,
+    /// Viscous stress along the fibre.
+    pub viscosity: Option<FibreViscosity>,
     /// Settings of the time steps.
     pub settings: StepSettings,
 }
@@ -119,7 +122,8 @@ impl FiniteElementVentricle {
             &dynamics.body,
             activation_ms,
             &deformation,
-        );
+        )
+        .with_viscosity(parts.viscosity);
         // The stress at time zero: a step of vanishing length at constant stretch.
         let mut active = vec![];
         points
@@ -138,12 +142,13 @@ impl FiniteElementVentricle {
             contraction: points,
             average,
             node_activation_ms,
-            pressure_terms: parts.pressure_terms,
             settings: parts.settings,
             solver,
             time_ms: 0.0,
             volume_mm3,
-            cavity_kpa: pressure_kpa,
+            cavity_kpa: pressure_kpa
+                + parts.pressure_terms.iter().map(|t| t.pressure(1e-3 * volume_mm3, 0.0).0 / MMHG_PER_KPA).sum::<f64>(),
+            pressure_terms: parts.pressure_terms,
             rate_kpa_per_ms: 0.0,
             now,
             trial: None,
@@ -175,8 +180,8 @@ impl FiniteElementVentricle {
         &self.average.nodes
     }
 
-    /// Forgets what the solver keeps from step to step, so that what follows depends on the committed state alone: before a
-    /// checkpoint, so that the restarted beat is the uninterrupted one.
+    /// Forgets what the solver keeps from step to step and a snapshot does not hold, a factorisation: before a checkpoint, so
+    /// that the restarted beat is the uninterrupted one to the bit with a direct solver, too.
     pub fn forget_solver(&mut self) {
         self.solver.forget();
     }
@@ -330,13 +335,16 @@ impl Ventricle for FiniteElementVentricle {
             values.extend_from_slice(part);
         }
         values.extend(self.contraction.snapshot());
+        values.extend_from_slice(self.solver.response());
         VentricleSnapshot { kind: KIND.to_owned(), values }
     }
 
     fn restore(&mut self, snapshot: &VentricleSnapshot) -> Result<(), VentricleError> {
         let n = self.now.motion.u.len();
         let expected_values = 5 + 4 * n + self.contraction.snapshot_len();
-        if snapshot.kind != KIND || snapshot.values.len() != expected_values {
+        // A solver that has not solved yet has no start for its next solve.
+        let lengths = [expected_values, expected_values + n];
+        if snapshot.kind != KIND || !lengths.contains(&snapshot.values.len()) {
             return Err(VentricleError::ForeignSnapshot {
                 found: snapshot.kind.clone(),
                 found_values: snapshot.values.len(),
@@ -357,9 +365,11 @@ impl Ventricle for FiniteElementVentricle {
             part.extend_from_slice(own);
             rest = others;
         }
-        self.contraction.restore(rest);
+        let (own, response) = rest.split_at(self.contraction.snapshot_len());
+        self.contraction.restore(own);
         self.trial = None;
         self.solver.forget();
+        self.solver.respond_from(response);
         Ok(())
     }
 }

@@ -20,6 +20,7 @@ mod pericardial_constraint;
 mod pressure_offset;
 mod pv_misalignment;
 mod setting;
+mod three_dimensions;
 mod ventricular_septal_defect;
 mod viscoelasticity;
 mod volume_scaling;
@@ -31,6 +32,7 @@ pub use declaration::{
 };
 pub use measurement::{Measurement, MeasurementTerm, PeriodicTraces};
 pub use setting::{EffectError, EffectSetting};
+pub use three_dimensions::{FibreViscosity, InThreeDimensionsParts, LatePart, in_three_dimensions};
 
 /// All effects, physiology first.
 pub const CATALOGUE: [&Effect; 16] = [

@@ -156,6 +156,14 @@ pub enum EffectError {
         /// What to do.
         remedy: &'static str,
     },
+    /// A finite-element ventricle cannot take the effect over.
+    #[error("{effect} cannot act in a finite-element ventricle: {why}")]
+    NotInThreeDimensions {
+        /// Effect.
+        effect: &'static str,
+        /// Why.
+        why: &'static str,
+    },
     /// An effect of the heart among corrections of the data.
     #[error("{effect} is an effect of the heart: the data cannot be corrected for it, list it under `effects`")]
     NoArtefact {

@@ -2,13 +2,16 @@
 
 mod corrections;
 pub(crate) mod estimates;
+mod finite_element;
 mod onset;
 mod perturbation;
+
+use std::collections::BTreeMap;
 
 use cardiotwin_models::ventricle::{DiastasisPoint, OneFibrePassive, PassiveStateInput, PassiveStateMode};
 use cardiotwin_schemas::organ::{ActivationSpec, CirculationSpec, OrganSpec};
 use cardiotwin_schemas::outcome::{Estimate, PassiveStateResult, TaskResult};
-use cardiotwin_schemas::settings::StartMode;
+use cardiotwin_schemas::settings::{ActivationSettings, StartMode};
 use cardiotwin_schemas::task::PassiveStateSpec;
 use cardiotwin_schemas::{biomarkers as files, organ};
 use cardiotwin_signals::resample::STEP;
@@ -55,14 +58,67 @@ pub fn run(spec: &PassiveStateSpec, context: &mut Context) -> Result<TaskResult,
     let accepted = spec.passive_law.as_ref();
     let wall_volume_ml = accepted.map(|law| law.wall_volume_ml).or(spec.wall_volume_ml);
     let wall_volume_ml = wall_volume_ml.unwrap_or_else(|| estimates::wall_volume(end_diastole, &mut estimates));
-    let (law, diastasis) = match accepted {
-        Some(law) => (accepted_law(law, end_diastole)?, None),
-        None => passive_law(spec, &measured, end_diastole, wall_volume_ml)?,
-    };
-    if accepted.is_some() {
+    let accepted = accepted.map(|law| accepted_law(law, end_diastole)).transpose()?;
+    if let Some(law) = &accepted {
         end_diastole.pressure_mmhg = law.pressure(law.end_diastolic_volume).0;
-        remarks.push("the passive law is the one that was accepted with the patient's effects".to_owned());
     }
+    let made = match &spec.finite_element {
+        None => reduced(spec, &measured, end_diastole, accepted, wall_volume_ml, &mut estimates, &mut remarks)?,
+        Some(anatomy) => {
+            if accepted.is_some() {
+                remarks.push("the end-diastolic pressure is that of the passive law that was accepted".to_owned());
+            }
+            let made =
+                finite_element::make(spec, anatomy, &measured, end_diastole, wall_volume_ml, &mut estimates, context)?;
+            remarks.extend(made.remarks);
+            let organ = OrganSpec::FiniteElement(Box::new(made.organ));
+            MadeOrgan { organ, diastasis_volume_error_ml: None, counters: made.counters }
+        }
+    };
+    let circulation = circulation(spec, &measured, end_diastole, &mut estimates)?;
+    if !spec.corrections.is_empty() {
+        context.artefacts.write("measured", "measured.csv", &corrections::csv(&measured.pressure, &measured.volume))?;
+    }
+    // Last, so that nothing above rests on anything but the data as measured.
+    let biomarker_factors = perturbation::apply(&spec.biomarker_factors, &mut measured.biomarkers)?;
+    remarks.extend(perturbation::remark(&biomarker_factors));
+    Ok(TaskResult::PassiveState(PassiveStateResult {
+        organ: made.organ,
+        circulation,
+        measured: measured.biomarkers,
+        biomarker_factors,
+        time_points: biomarkers::to_schema(&measured.set).1,
+        estimates,
+        diastasis_volume_error_ml: made.diastasis_volume_error_ml,
+        remarks,
+        counters: made.counters,
+    }))
+}
+
+/// The organ, what a fitted law misses of the diastasis volume, and what it cost.
+struct MadeOrgan {
+    organ: OrganSpec,
+    diastasis_volume_error_ml: Option<f64>,
+    counters: BTreeMap<String, f64>,
+}
+
+/// The reduced ventricle: its law is the accepted one, else that through the measured points.
+fn reduced(
+    spec: &PassiveStateSpec,
+    measured: &Measurements,
+    end_diastole: EndDiastole,
+    accepted: Option<OneFibrePassive>,
+    wall_volume_ml: f64,
+    estimates: &mut Vec<Estimate>,
+    remarks: &mut Vec<String>,
+) -> Result<MadeOrgan, TaskError> {
+    let (law, diastasis) = match accepted {
+        Some(law) => {
+            remarks.push("the passive law is the one that was accepted with the patient's effects".to_owned());
+            (law, None)
+        }
+        None => passive_law(spec, measured, end_diastole, wall_volume_ml)?,
+    };
     if diastasis.is_some()
         && !law.exponent_fitted
         && spec.passive_exponent.is_none()
@@ -70,8 +126,8 @@ pub fn run(spec: &PassiveStateSpec, context: &mut Context) -> Result<TaskResult,
     {
         remarks.push("no passive law passes through the diastasis point: the exponent is the default".to_owned());
     }
-    let activation = activation(spec, &measured, &mut estimates);
-    let circulation = circulation(spec, &measured, end_diastole, &mut estimates)?;
+    let ActivationSettings { spread_ms, groups, .. } = spec.activation;
+    let activation = ActivationSpec { spread_ms, groups, onset_ms: onset_ms(spec, measured, spread_ms, estimates) };
     let passive = organ::OneFibrePassive {
         wall_volume_ml,
         unloaded_volume_ml: law.unloaded_volume.0,
@@ -80,23 +136,10 @@ pub fn run(spec: &PassiveStateSpec, context: &mut Context) -> Result<TaskResult,
         stiffness_kpa: law.stiffness.0,
         exponent: law.exponent,
     };
-    if !spec.corrections.is_empty() {
-        context.artefacts.write("measured", "measured.csv", &corrections::csv(&measured.pressure, &measured.volume))?;
-    }
-    // Last, so that nothing above rests on anything but the data as measured.
-    let biomarker_factors = perturbation::apply(&spec.biomarker_factors, &mut measured.biomarkers)?;
-    remarks.extend(perturbation::remark(&biomarker_factors));
-    Ok(TaskResult::PassiveState(PassiveStateResult {
-        organ: OrganSpec::Reduced { passive, activation },
-        circulation,
-        measured: measured.biomarkers,
-        biomarker_factors,
-        time_points: biomarkers::to_schema(&measured.set).1,
-        estimates,
-        diastasis_volume_error_ml: diastasis
-            .and_then(|point| volume_at(&law, point.pressure).map(|volume| volume - point.volume.0)),
-        remarks,
-    }))
+    let diastasis_volume_error_ml =
+        diastasis.and_then(|point| volume_at(&law, point.pressure).map(|volume| volume - point.volume.0));
+    let organ = OrganSpec::Reduced { passive, activation };
+    Ok(MadeOrgan { organ, diastasis_volume_error_ml, counters: BTreeMap::new() })
 }
 
 impl Measurements {
@@ -213,18 +256,17 @@ fn volume_at(law: &OneFibrePassive, pressure: Mmhg) -> Option<f64> {
     Some(0.5 * (lower + upper))
 }
 
-fn activation(spec: &PassiveStateSpec, measured: &Measurements, estimates: &mut Vec<Estimate>) -> ActivationSpec {
-    let settings = spec.activation;
-    let onset_ms = settings.onset_ms.unwrap_or_else(|| {
-        let found = measured.pressure.as_ref().and_then(|trace| onset::from_upstroke(trace, settings.spread_ms));
+/// First activation, as set or found.
+fn onset_ms(spec: &PassiveStateSpec, measured: &Measurements, spread_ms: f64, estimates: &mut Vec<Estimate>) -> f64 {
+    spec.activation.onset_ms.unwrap_or_else(|| {
+        let found = measured.pressure.as_ref().and_then(|trace| onset::from_upstroke(trace, spread_ms));
         let (value, method) = match found {
             Some(onset) => (onset, "measured pressure upstroke less electromechanical delay and half the spread"),
             None => (onset::ONSET_WITHOUT_TRACE_MS, "usual place, for lack of a pressure trace"),
         };
         estimates.push(Estimate { key: "solver.activation.onset_ms".to_owned(), value, method: method.to_owned() });
         value
-    });
-    ActivationSpec { spread_ms: settings.spread_ms, groups: settings.groups, onset_ms }
+    })
 }
 
 fn circulation(

@@ -1,0 +1,271 @@
+//! The finite-element ventricle as it passes between processes: settings, what step 0 is asked for, what it made.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::organ::EffectSpec;
+use crate::task::InputFile;
+
+/// Effects of a patient's model that change the passive law: step 0 has to know them, since it fits the law's scale.
+pub const EFFECTS_OF_THE_PASSIVE_LAW: [&str; 1] = ["passive_stiffening"];
+
+/// Elements of the wall.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum ElementKind {
+    /// Linear tetrahedra whose change of volume is resisted by nodal averages.
+    #[default]
+    LinearNodal,
+    /// Linear tetrahedra with a plain penalty (P1/P0): the paper's, which locks.
+    LinearPointwise,
+    /// Quadratic tetrahedra with nodal averages.
+    QuadraticNodal,
+}
+
+/// How the linear systems of a time step are solved.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum LinearSolver {
+    /// Conjugate gradients, block Jacobi.
+    #[default]
+    BlockJacobi,
+    /// Conjugate gradients, symmetric block Gauss-Seidel.
+    SymmetricSweep,
+    /// Conjugate gradients, preconditioned by a factorisation that is kept.
+    Direct,
+}
+
+/// Material, supports and damping of the wall. Those without a source are assumptions (docs/models.md).
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct WallSettings {
+    /// Guccione's C with which the search for the patient's begins: rather stiff, since softer laws are harder to unload.
+    #[serde(rename = "guccione_C_kPa")]
+    pub guccione_c_kpa: f64,
+    /// Exponent along the fibre.
+    pub b_f: f64,
+    /// Exponent across it.
+    pub b_t: f64,
+    /// Exponent of fibre shear.
+    pub b_fs: f64,
+    /// Bulk modulus of muscle.
+    #[serde(rename = "kappa_kPa")]
+    pub kappa_kpa: f64,
+    /// Shear modulus of the aortic root.
+    #[serde(rename = "aorta_mu_kPa")]
+    pub aorta_mu_kpa: f64,
+    /// Bulk modulus of the aortic root.
+    #[serde(rename = "aorta_kappa_kPa")]
+    pub aorta_kappa_kpa: f64,
+    /// Density.
+    pub density_g_per_mm3: f64,
+    /// Rayleigh damping by mass.
+    pub mass_damping_per_ms: f64,
+    /// Rayleigh damping by stiffness.
+    pub stiffness_damping_ms: f64,
+    /// Springs along the normal of epicardium and septum.
+    #[serde(rename = "epicardial_spring_kPa_per_mm")]
+    pub epicardial_spring_kpa_per_mm: f64,
+    /// Springs in all directions on the rim.
+    #[serde(rename = "rim_spring_kPa_per_mm")]
+    pub rim_spring_kpa_per_mm: f64,
+    /// Spectral radius of generalised-α: 0 damps the highest frequencies at once.
+    pub spectral_radius: f64,
+}
+
+impl Default for WallSettings {
+    fn default() -> Self {
+        Self {
+            guccione_c_kpa: 5.0,
+            b_f: 18.48,
+            b_t: 3.58,
+            b_fs: 1.627,
+            kappa_kpa: 1000.0,
+            aorta_mu_kpa: 26.66,
+            aorta_kappa_kpa: 1000.0,
+            density_g_per_mm3: 1.06e-3,
+            mass_damping_per_ms: 0.1,
+            stiffness_damping_ms: 0.1,
+            epicardial_spring_kpa_per_mm: 1.0,
+            rim_spring_kpa_per_mm: 1.0,
+            spectral_radius: 0.0,
+        }
+    }
+}
+
+/// Angles of the Laplace-Dirichlet fibre rule (Bayer et al. 2012).
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct FibreSettings {
+    /// Fibre angle at the endocardium.
+    pub alpha_endo_deg: f64,
+    /// Fibre angle at the epicardium.
+    pub alpha_epi_deg: f64,
+    /// Sheet angle at the endocardium.
+    pub beta_endo_deg: f64,
+    /// Sheet angle at the epicardium.
+    pub beta_epi_deg: f64,
+}
+
+impl Default for FibreSettings {
+    fn default() -> Self {
+        Self { alpha_endo_deg: 60.0, alpha_epi_deg: -60.0, beta_endo_deg: -65.0, beta_epi_deg: 25.0 }
+    }
+}
+
+/// Speeds of the eikonal activation.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct ConductionSettings {
+    /// Along the fibre.
+    pub along_m_per_s: f64,
+    /// Across it.
+    pub across_m_per_s: f64,
+    /// Of the fast endocardial layer; 0 for none.
+    pub endocardium_m_per_s: f64,
+}
+
+impl Default for ConductionSettings {
+    fn default() -> Self {
+        Self { along_m_per_s: 0.6, across_m_per_s: 0.3, endocardium_m_per_s: 4.0 }
+    }
+}
+
+/// The finite-element ventricle: `[solver.finite_element]`.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct FiniteElementSettings {
+    /// About how many nodes the generated mesh has.
+    pub mesh_nodes: u32,
+    /// Which elements.
+    pub element: ElementKind,
+    /// Residual of a time step over the scale of its forces at which it has converged.
+    pub tolerance: f64,
+    /// Newton iterations after which a step fails.
+    pub newton_iterations: u32,
+    /// How linear systems are solved.
+    pub linear_solver: LinearSolver,
+    /// The wall.
+    pub wall: WallSettings,
+    /// Fibres.
+    pub fibres: FibreSettings,
+    /// Activation.
+    pub conduction: ConductionSettings,
+}
+
+impl Default for FiniteElementSettings {
+    fn default() -> Self {
+        Self {
+            mesh_nodes: 2000,
+            element: ElementKind::default(),
+            tolerance: 1e-4,
+            newton_iterations: 12,
+            linear_solver: LinearSolver::default(),
+            wall: WallSettings::default(),
+            fibres: FibreSettings::default(),
+            conduction: ConductionSettings::default(),
+        }
+    }
+}
+
+impl FiniteElementSettings {
+    /// What step 0 needs of them, with those of the patient's effects that change the passive law.
+    #[must_use]
+    pub fn anatomy(&self, effects: &[EffectSpec]) -> AnatomySpec {
+        let of_the_law = |effect: &&EffectSpec| EFFECTS_OF_THE_PASSIVE_LAW.contains(&effect.name.as_str());
+        AnatomySpec {
+            mesh_nodes: self.mesh_nodes,
+            element: self.element,
+            wall: self.wall,
+            fibres: self.fibres,
+            conduction: self.conduction,
+            effects: effects.iter().filter(of_the_law).cloned().collect(),
+        }
+    }
+
+    /// What a beat needs of them.
+    #[must_use]
+    pub fn equations(&self) -> EquationSettings {
+        EquationSettings { tolerance: self.tolerance, linear_solver: self.linear_solver }
+    }
+}
+
+/// What step 0 makes of a finite-element ventricle.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct AnatomySpec {
+    /// About how many nodes.
+    pub mesh_nodes: u32,
+    /// Which elements.
+    pub element: ElementKind,
+    /// The wall.
+    pub wall: WallSettings,
+    /// Fibres.
+    pub fibres: FibreSettings,
+    /// Activation.
+    pub conduction: ConductionSettings,
+    /// Effects of the patient's model that change the passive law: [`EFFECTS_OF_THE_PASSIVE_LAW`].
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub effects: Vec<EffectSpec>,
+}
+
+/// How the equations of a beat are solved.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct EquationSettings {
+    /// Residual of a time step over the scale of its forces.
+    pub tolerance: f64,
+    /// How linear systems are solved.
+    pub linear_solver: LinearSolver,
+}
+
+/// A finite-element ventricle that step 0 made.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct FiniteElementOrgan {
+    /// Mesh, fibres, activation, unloaded geometry and end-diastolic state (artefact `ventricle` of step 0).
+    pub ventricle: InputFile,
+    /// What is in it.
+    pub figures: VentricleFigures,
+}
+
+/// Figures of a finite-element ventricle.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct VentricleFigures {
+    /// Nodes of the mesh.
+    pub nodes: u64,
+    /// Tetrahedra.
+    pub elements: u64,
+    /// Displacements that are solved for.
+    pub degrees_of_freedom: u64,
+    /// Mean length of an edge in the image.
+    pub mean_edge_mm: f64,
+    /// Volume of the contracting wall.
+    #[serde(rename = "wall_volume_mL")]
+    pub wall_volume_ml: f64,
+    /// Cavity volume of the image that the mesh was made for.
+    #[serde(rename = "image_volume_mL")]
+    pub image_volume_ml: f64,
+    /// Pressure that the image is in equilibrium with.
+    #[serde(rename = "image_pressure_mmHg")]
+    pub image_pressure_mmhg: f64,
+    /// Cavity volume without pressure.
+    #[serde(rename = "unloaded_volume_mL")]
+    pub unloaded_volume_ml: f64,
+    /// Cavity volume at end-diastole, where the beat starts and the active stretch is 1.
+    #[serde(rename = "end_diastolic_volume_mL")]
+    pub end_diastolic_volume_ml: f64,
+    /// Pressure at end-diastole.
+    #[serde(rename = "end_diastolic_pressure_mmHg")]
+    pub end_diastolic_pressure_mmhg: f64,
+    /// Guccione's C, fitted or given.
+    #[serde(rename = "stiffness_kPa")]
+    pub stiffness_kpa: f64,
+    /// Factor of all exponents of Guccione's law.
+    pub exponent_factor: f64,
+    /// First activation after the beat's start.
+    pub onset_ms: f64,
+    /// First activation of muscle to last.
+    pub spread_ms: f64,
+}

@@ -1,0 +1,172 @@
+//! What effects make of a finite-element ventricle, each as it declares ([`InThreeDimensions`]).
+
+use super::assembly::add_to_circulation;
+use super::declaration::{Action, InThreeDimensions, OneFibreParts};
+use super::{EffectError, EffectSetting, Surroundings};
+use crate::circulation::Circulation;
+use crate::ventricle::{ActivationGroups, CavityPressureTerm, GroupContraction, OneFibrePassive};
+
+/// A part of the wall that is activated late.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LatePart {
+    /// Delay \[ms\].
+    pub delay_ms: f64,
+    /// Share of the wall, on the side opposite the septum.
+    pub share: f64,
+}
+
+/// Viscous stress along the fibre, `η dλ/dt`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct FibreViscosity {
+    /// η while the fibre lengthens \[kPa ms\].
+    pub lengthening_kpa_ms: f64,
+    /// η while it shortens \[kPa ms\].
+    pub shortening_kpa_ms: f64,
+}
+
+/// A finite-element ventricle's parts with the effects in them, but for the mesh.
+#[derive(Debug)]
+pub struct InThreeDimensionsParts {
+    /// Circulation at its start.
+    pub circulation: Circulation,
+    /// Active stress.
+    pub contraction: GroupContraction,
+    /// Further parts of the cavity pressure.
+    pub pressure_terms: Vec<Box<dyn CavityPressureTerm>>,
+    /// Late part of the wall.
+    pub late: Option<LatePart>,
+    /// Factor of all exponents of the passive law; the law's scale has to be fitted with it.
+    pub exponent_factor: f64,
+    /// Active stress along the sheet over that along the fibre.
+    pub cross_fibre_share: f64,
+    /// Viscosity.
+    pub viscosity: Option<FibreViscosity>,
+}
+
+/// Circulation, contraction and wall of a finite-element ventricle with any effects.
+///
+/// - `reference`: a one-fibre ventricle of the same volumes, from which effects take the end-diastolic volume and the wall's
+///
+/// # Errors
+/// [`EffectError::NotInThreeDimensions`] with the reason, and as for [`super::assemble`].
+pub fn in_three_dimensions(
+    surroundings: &Surroundings,
+    reference: OneFibrePassive,
+    contraction: GroupContraction,
+    effects: &[EffectSetting],
+) -> Result<InThreeDimensionsParts, EffectError> {
+    let mut circulation = surroundings.heart.build()?;
+    add_to_circulation(&mut circulation, surroundings, effects)?;
+    let groups = ActivationGroups::new(vec![surroundings.onset.0], vec![1.0])?;
+    let mut parts = OneFibreParts { passive: reference, groups, contraction, pressure_terms: Vec::new() };
+    let (mut late, mut exponent_factor, mut cross_fibre_share, mut viscosity) = (None, 1.0, 0.0, None);
+    for setting in effects.iter().filter(|setting| !setting.is_off()) {
+        let (effect, values) = (setting.effect, &setting.values);
+        let refused = |why| Err(EffectError::NotInThreeDimensions { effect: effect.name, why });
+        match (effect.in_3d, effect.name, &effect.action) {
+            (InThreeDimensions::AsItIs, _, Action::Wall(change)) => parts = change(values, surroundings, parts)?,
+            (InThreeDimensions::AsItIs, ..) => {}
+            (InThreeDimensions::PassiveExponents { .. }, ..) => exponent_factor *= values[0],
+            (InThreeDimensions::ActivationMap { .. }, "dyssynchrony", _) => {
+                late = Some(LatePart { delay_ms: values[0], share: values[1] });
+            }
+            (InThreeDimensions::MaterialTerm { .. }, "cross_fibre_stress", _) => cross_fibre_share = values[0],
+            (InThreeDimensions::MaterialTerm { .. }, "viscoelasticity", _) => {
+                viscosity = Some(fibre_viscosity(values[0], values[1], &reference));
+            }
+            (InThreeDimensions::Cannot { why }, ..) => return refused(why),
+            _ => return refused("the finite-element ventricle does not know how to take it over"),
+        }
+    }
+    let OneFibreParts { contraction, pressure_terms, .. } = parts;
+    Ok(InThreeDimensionsParts {
+        circulation,
+        contraction,
+        pressure_terms,
+        late,
+        exponent_factor,
+        cross_fibre_share,
+        viscosity,
+    })
+}
+
+/// Of the wall where the one-fibre ventricle has a viscous part of the cavity pressure, as declared by `viscoelasticity`:
+/// η_w = 9 η (V_ref + V_w/3)/ln(1 + V_w/V_ref).
+fn fibre_viscosity(mmhg_s_per_ml: f64, shortening_share: f64, reference: &OneFibrePassive) -> FibreViscosity {
+    let (volume, wall) = (reference.end_diastolic_volume.0, reference.wall_volume.0);
+    // mmHg s to kPa ms.
+    let eta = 1e3 * mmhg_s_per_ml / cardiotwin_units::MMHG_PER_KPA;
+    let lengthening_kpa_ms = 9.0 * eta * (volume + wall / 3.0) / (wall / volume).ln_1p();
+    FibreViscosity { lengthening_kpa_ms, shortening_kpa_ms: shortening_share * lengthening_kpa_ms }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{CATALOGUE, Kind};
+    use super::*;
+    use crate::circulation::windkessel::WindkesselParameters;
+    use crate::circulation::{LeftHeart, StartPressure};
+    use crate::contraction::{Tanh, TanhParameters};
+    use cardiotwin_units::{Ml, MlPerMmhg, Mmhg, MmhgSPerMl, Ms};
+
+    fn surroundings() -> Surroundings {
+        let heart = LeftHeart {
+            left_atrial_pressure: Mmhg(7.0),
+            mitral_forward: LeftHeart::FORWARD,
+            mitral_backward: LeftHeart::BACKWARD,
+            aortic_forward: LeftHeart::FORWARD,
+            aortic_backward: LeftHeart::BACKWARD,
+            windkessel: WindkesselParameters {
+                characteristic_resistance: MmhgSPerMl(0.05),
+                peripheral_resistance: MmhgSPerMl(0.9),
+                compliance: MlPerMmhg(1.6),
+            },
+            start: StartPressure::DiastolicCuff(Mmhg(70.0)),
+            cycle_length: Ms(800.0),
+        };
+        Surroundings { heart, onset: Ms(5.0) }
+    }
+
+    fn parts(effects: &[EffectSetting]) -> Result<InThreeDimensionsParts, EffectError> {
+        let law = OneFibrePassive::through(Ml(70.0), Ml(120.0), Mmhg(9.0), Ml(100.0), 9.24).unwrap();
+        let contraction = GroupContraction::tanh(Tanh::new(TanhParameters::default()).unwrap());
+        in_three_dimensions(&surroundings(), law, contraction, effects)
+    }
+
+    #[test]
+    fn every_effect_of_the_heart_acts_or_says_why_not() {
+        let base = parts(&[]).unwrap();
+        let circuit = |p: &InThreeDimensionsParts| format!("{:?}", p.circulation);
+        let rest = |p: &InThreeDimensionsParts| {
+            let InThreeDimensionsParts { contraction, pressure_terms, late, viscosity, .. } = p;
+            format!(
+                "{contraction:?}{pressure_terms:?}{late:?}{viscosity:?}{}{}",
+                p.exponent_factor, p.cross_fibre_share
+            )
+        };
+        for effect in CATALOGUE.into_iter().filter(|effect| effect.kind == Kind::Physiology) {
+            match parts(&[EffectSetting::typical(effect)]) {
+                Ok(with) => {
+                    let changed = (circuit(&with) != circuit(&base), rest(&with) != rest(&base));
+                    let expected = matches!(effect.action, Action::Circulation(_));
+                    assert_eq!(changed, (expected, !expected), "{}", effect.name);
+                }
+                Err(EffectError::NotInThreeDimensions { why, .. }) => {
+                    assert!(matches!(effect.in_3d, InThreeDimensions::Cannot { .. }) && !why.is_empty());
+                }
+                Err(other) => panic!("{}: {other}", effect.name),
+            }
+        }
+    }
+
+    #[test]
+    fn viscosity_gives_the_pressure_that_the_one_fibre_ventricle_adds() {
+        let law = OneFibrePassive::through(Ml(70.0), Ml(120.0), Mmhg(9.0), Ml(100.0), 9.24).unwrap();
+        let eta = fibre_viscosity(0.02, 0.5, &law);
+        assert_eq!(eta.shortening_kpa_ms, 0.5 * eta.lengthening_kpa_ms);
+        // dλ/dt at λ = 1 for a flow of 100 mL/s, and the pressure of that fibre stress.
+        let rate_per_ms = 0.1 / (3.0 * (120.0 + 100.0 / 3.0));
+        let pressure = eta.lengthening_kpa_ms * rate_per_ms * (100.0_f64 / 120.0).ln_1p() / 3.0;
+        assert!((pressure * cardiotwin_units::MMHG_PER_KPA - 2.0).abs() < 1e-9, "{pressure}");
+    }
+}

@@ -1,0 +1,76 @@
+//! Why there is no finite-element ventricle.
+
+use std::path::PathBuf;
+
+use cardiotwin_mechanics::organ::{AnatomyError, PassiveStateError};
+use cardiotwin_mesh::eikonal::EikonalError;
+use cardiotwin_mesh::ellipsoid::EllipsoidError;
+use cardiotwin_mesh::laplace::LaplaceError;
+use cardiotwin_schemas::failure::FailureClass;
+
+use super::arrays::ArraysError;
+
+/// Why a finite-element ventricle could not be made or read.
+#[derive(Debug, thiserror::Error)]
+pub enum FiniteElementError {
+    /// No mesh.
+    #[error("mesh")]
+    Mesh(#[from] EllipsoidError),
+    /// No fibres.
+    #[error("fibres")]
+    Fibres(#[from] LaplaceError),
+    /// No activation.
+    #[error("activation")]
+    Activation(#[from] EikonalError),
+    /// The mesh is no anatomy.
+    #[error("anatomy")]
+    Anatomy(#[from] AnatomyError),
+    /// Stiffness or unloaded geometry are not found.
+    #[error("passive state of the finite-element ventricle")]
+    PassiveState(#[from] PassiveStateError),
+    /// A file of a ventricle cannot be used.
+    #[error("{file}")]
+    File {
+        /// Which.
+        file: PathBuf,
+        /// What is wrong with it.
+        source: ArraysError,
+    },
+    /// A ventricle was made without an effect that it has to have.
+    #[error("the ventricle was made with exponents times {found}, but the patient's effects ask for {expected}")]
+    Exponents {
+        /// Factor in the file.
+        found: f64,
+        /// Factor of the effects.
+        expected: f64,
+    },
+}
+
+impl FiniteElementError {
+    /// What kind of failure it is.
+    #[must_use]
+    pub fn class(&self) -> FailureClass {
+        match self {
+            Self::Mesh(_) | Self::PassiveState(PassiveStateError::NoStiffness { .. }) => FailureClass::Input,
+            Self::Fibres(_) | Self::Activation(_) | Self::Anatomy(_) | Self::PassiveState(_) => FailureClass::Numerics,
+            Self::File { .. } => FailureClass::Site,
+            Self::Exponents { .. } => FailureClass::Bug,
+        }
+    }
+
+    /// What to do.
+    #[must_use]
+    pub fn remedy(&self) -> Option<&'static str> {
+        match self {
+            Self::Mesh(_) => {
+                Some("use more nodes (solver.finite_element.mesh_nodes), or correct wall and cavity volume")
+            }
+            Self::PassiveState(PassiveStateError::NoStiffness { .. }) => {
+                Some("correct the volumes and pressures of diastasis and end-diastole, or give passive.guccione_C_kPa")
+            }
+            Self::PassiveState(_) => Some("use another mesh size, or give passive.guccione_C_kPa"),
+            Self::File { .. } => Some("run step 0 again: `cardiotwin rerun PATIENT --from step0`"),
+            Self::Fibres(_) | Self::Activation(_) | Self::Anatomy(_) | Self::Exponents { .. } => None,
+        }
+    }
+}

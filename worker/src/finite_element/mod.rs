@@ -1,0 +1,10 @@
+//! The finite-element ventricle between files and solver: made from a patient's volumes, kept in one file, read again.
+
+pub mod arrays;
+pub mod checkpoint;
+pub mod error;
+pub mod stored;
+pub mod wall;
+
+pub use error::FiniteElementError;
+pub use stored::StoredVentricle;

@@ -1,0 +1,186 @@
+//! A ventricle in one file: what step 0 made, and all simulations of the patient begin from.
+
+use std::path::Path;
+
+use cardiotwin_mechanics::organ::{Anatomy, PassiveState, WallParameters};
+use cardiotwin_mesh::surface::Surface;
+use cardiotwin_mesh::tags;
+use cardiotwin_mesh::tet_mesh::{Frame, TetMesh};
+use cardiotwin_schemas::finite_element::{ElementKind, WallSettings};
+use cardiotwin_schemas::task::InputFile;
+use serde::{Deserialize, Serialize};
+
+use super::arrays::{Arrays, ArraysError};
+use super::{FiniteElementError, wall};
+use crate::error::TaskError;
+use crate::inputs::read_verified;
+
+/// Kind of the file.
+const KIND: &str = "ventricle 1";
+
+/// What a file says beside its arrays.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct About {
+    /// Elements.
+    pub element: ElementKind,
+    /// Wall, with the stiffness that was fitted.
+    pub wall: WallSettings,
+    /// Factor of the law's exponents, lowered where no stiffness fitted.
+    pub exponent_factor: f64,
+    /// The part of it that the patient's effects asked for.
+    pub effects_exponent_factor: f64,
+    /// Pressure at end-diastole.
+    pub end_diastolic_pressure_kpa: f64,
+    /// Names of the surfaces.
+    pub surfaces: Vec<String>,
+}
+
+/// A ventricle as it lies in its file.
+#[derive(Debug, Clone, PartialEq)]
+pub struct StoredVentricle {
+    /// What it is.
+    pub about: About,
+    /// The image: nodes, elements, tags, fibres, surfaces.
+    pub mesh: TetMesh,
+    /// Activation times of the vertices from the first one on \[ms\], infinite in passive tissue.
+    pub activation_ms: Vec<f64>,
+    /// Unloaded node positions \[mm\].
+    pub unloaded: Vec<[f64; 3]>,
+    /// What the rim's springs rest away from the image \[mm\].
+    pub anchor: Vec<f64>,
+    /// Displacement from the unloaded geometry to end-diastole \[mm\].
+    pub u: Vec<f64>,
+}
+
+/// A ventricle taken from its file.
+#[derive(Debug)]
+pub struct Restored {
+    /// Anatomy.
+    pub anatomy: Anatomy,
+    /// Wall.
+    pub wall: WallParameters,
+    /// End-diastolic state.
+    pub end_diastole: PassiveState,
+}
+
+impl StoredVentricle {
+    /// The file's bytes; the same ventricle gives the same.
+    ///
+    /// # Panics
+    /// Never: what stands beside the arrays is JSON.
+    #[must_use]
+    pub fn to_bytes(&self) -> Vec<u8> {
+        let about = serde_json::to_value(&self.about).expect("plain fields are JSON");
+        let mesh = &self.mesh;
+        let frames = mesh.frames.iter().flat_map(|f| [f.fibre, f.sheet, f.normal]).flatten();
+        let mut arrays = Arrays::new(KIND, about)
+            .with("nodes_mm", mesh.nodes_mm.as_flattened())
+            .with_indices("tets", mesh.tets.as_flattened())
+            .with_indices("tags", mesh.tags.iter().map(|tag| tag.cast_unsigned()).collect::<Vec<_>>())
+            .with("frames", frames.collect::<Vec<_>>());
+        let (mut triangles, mut lengths) = (Vec::new(), Vec::new());
+        for surface in &mesh.surfaces {
+            lengths.push(surface.triangles.len() as u32);
+            triangles.extend_from_slice(surface.triangles.as_flattened());
+        }
+        arrays = arrays.with_indices("surface_lengths", lengths).with_indices("triangles", triangles);
+        arrays
+            .with("activation_ms", self.activation_ms.as_slice())
+            .with("unloaded_mm", self.unloaded.as_flattened())
+            .with("anchor_mm", self.anchor.as_slice())
+            .with("u_mm", self.u.as_slice())
+            .to_bytes()
+    }
+
+    /// Reads the file of a task, with the content that the task was planned with.
+    ///
+    /// # Errors
+    /// [`TaskError`] when it is missing, changed, truncated or of something else.
+    pub fn read(input: &InputFile) -> Result<Self, TaskError> {
+        let bytes = read_verified(input)?;
+        Self::from_bytes(&bytes, &input.path).map_err(TaskError::FiniteElement)
+    }
+
+    fn from_bytes(bytes: &[u8], file: &Path) -> Result<Self, FiniteElementError> {
+        let refused = |source| FiniteElementError::File { file: file.to_owned(), source };
+        Self::parse(bytes).map_err(refused)
+    }
+
+    fn parse(bytes: &[u8]) -> Result<Self, ArraysError> {
+        let mut arrays = Arrays::from_bytes(bytes, KIND)?;
+        let about: About = serde_json::from_value(arrays.about.take()).map_err(ArraysError::Header)?;
+        let frames = arrays.take("frames")?;
+        let mut mesh = TetMesh {
+            nodes_mm: arrays.take("nodes_mm")?.as_chunks().0.to_vec(),
+            tets: arrays.take_indices("tets")?.as_chunks().0.to_vec(),
+            tags: arrays.take_indices("tags")?.into_iter().map(u32::cast_signed).collect(),
+            frames: frames.as_chunks::<9>().0.iter().map(frame).collect(),
+            surfaces: Vec::new(),
+        };
+        let lengths = arrays.take_indices("surface_lengths")?;
+        let triangles = arrays.take_indices("triangles")?;
+        let mut triangles = triangles.as_chunks::<3>().0.iter();
+        for (name, length) in about.surfaces.iter().zip(lengths) {
+            let triangles = triangles.by_ref().take(length as usize).copied().collect();
+            mesh.surfaces.push(Surface { name: name.clone(), triangles });
+        }
+        let stored = Self {
+            about,
+            activation_ms: arrays.take("activation_ms")?,
+            unloaded: arrays.take("unloaded_mm")?.as_chunks().0.to_vec(),
+            anchor: arrays.take("anchor_mm")?,
+            u: arrays.take("u_mm")?,
+            mesh,
+        };
+        stored.check()?;
+        Ok(stored)
+    }
+
+    /// Indices point at something, and arrays that belong together are equally long.
+    fn check(&self) -> Result<(), ArraysError> {
+        let (n, m) = (self.mesh.n_nodes(), self.mesh.n_tets());
+        let surfaces = self.mesh.surfaces.iter().flat_map(|s| s.triangles.as_flattened());
+        let inside = self.mesh.tets.as_flattened().iter().chain(surfaces).all(|node| (*node as usize) < n);
+        let missing = |name, expected: String| Err(ArraysError::Missing { name, expected });
+        if !inside {
+            return missing("nodes_mm", "all nodes that elements and surfaces name".to_owned());
+        }
+        if self.mesh.tags.len() != m || self.mesh.frames.len() != m {
+            return missing("frames", format!("{m} elements, as of tags"));
+        }
+        if self.activation_ms.len() != n {
+            return missing("activation_ms", format!("{n} nodes"));
+        }
+        let all = self.unloaded.len();
+        if all < n || self.anchor.len() != 3 * all || self.u.len() != 3 * all {
+            return missing("unloaded_mm", format!("{n} nodes or more, as of anchor_mm and u_mm"));
+        }
+        Ok(())
+    }
+
+    /// The ventricle in end-diastole.
+    ///
+    /// - `cross_fibre`: share of the active stress along the sheet
+    ///
+    /// # Errors
+    /// [`FiniteElementError`] where mesh or wall are none.
+    pub fn restore(&self, cross_fibre: f64) -> Result<Restored, FiniteElementError> {
+        let about = &self.about;
+        let anatomy = Anatomy::of(&self.mesh, &[tags::LEFT_VENTRICLE], wall::element(about.element))?;
+        let wall = wall::parameters(&about.wall, about.exponent_factor, cross_fibre);
+        let end_diastole = PassiveState::restored(
+            &anatomy,
+            &wall,
+            &self.unloaded,
+            self.anchor.clone(),
+            self.u.clone(),
+            about.end_diastolic_pressure_kpa,
+        )?;
+        Ok(Restored { anatomy, wall, end_diastole })
+    }
+}
+
+fn frame(f: &[f64; 9]) -> Frame {
+    let axis = |k: usize| [f[3 * k], f[3 * k + 1], f[3 * k + 2]];
+    Frame { fibre: axis(0), sheet: axis(1), normal: axis(2) }
+}

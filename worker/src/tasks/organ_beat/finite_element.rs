@@ -1,0 +1,210 @@
+//! A beat of the finite-element ventricle.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::io;
+use std::ops::ControlFlow;
+use std::path::Path;
+use std::time::Instant;
+
+use cardiotwin_mechanics::organ::{FiniteElementVentricle, VentricleParts, VentricleWork};
+use cardiotwin_mechanics::step::StepSettings;
+use cardiotwin_models::beat::{BeatOutcome, run_observed};
+use cardiotwin_models::circulation::Circulation;
+use cardiotwin_models::effects::{LatePart, Surroundings, in_three_dimensions};
+use cardiotwin_models::ventricle::passive_state::DEFAULT_EXPONENT;
+use cardiotwin_models::ventricle::{OneFibrePassive, Ventricle as _};
+use cardiotwin_schemas::finite_element::{EquationSettings, FiniteElementOrgan, FiniteElementSettings};
+use cardiotwin_schemas::outcome::Ending;
+use cardiotwin_schemas::task::{OrganBeatSpec, TaskSpec};
+use cardiotwin_units::{Ml, Mmhg, Ms};
+
+use super::{contraction, effects, ending, heart, settings};
+use crate::context::Context;
+use crate::error::TaskError;
+use crate::files;
+use crate::finite_element::checkpoint::{BeatCheckpoint, Due, FILE};
+use crate::finite_element::{FiniteElementError, StoredVentricle, wall};
+
+/// Ventricle and circulation at their start.
+pub(super) struct Organ {
+    pub(super) ventricle: FiniteElementVentricle,
+    pub(super) circulation: Circulation,
+}
+
+/// Simulates a beat of the ventricle that step 0 made.
+///
+/// # Errors
+/// [`TaskError`] when the ventricle's file is not as planned, an effect cannot act, or files cannot be written.
+pub(super) fn run(
+    spec: &OrganBeatSpec,
+    organ: &FiniteElementOrgan,
+    context: &mut Context,
+) -> Result<Ending, TaskError> {
+    let begun = Instant::now();
+    context.progress.report("setting up", 0.0, None, || {
+        format!("{} nodes, {} tetrahedra", organ.figures.nodes, organ.figures.elements)
+    });
+    let Organ { mut ventricle, mut circulation } = assemble(spec, organ)?;
+    let seconds_setup = begun.elapsed().as_secs_f64();
+    let begun = Instant::now();
+    let length = spec.cycle_length_ms;
+    let settings = settings(spec);
+    let task = TaskSpec::OrganBeat(Box::new(spec.clone())).key().to_string();
+    let earlier = BeatCheckpoint::first_of(&context.checkpoints.earlier_files(FILE), &task);
+    let (mut before, mut resumed_at_ms) = (VentricleWork::default(), None);
+    let from = match earlier {
+        Some(BeatCheckpoint { progress, circulation: blood, ventricle: states, work }) => {
+            ventricle.restore(&states).map_err(TaskError::Organ)?;
+            circulation.restore(&blood).map_err(TaskError::Circulation)?;
+            tracing::info!("going on from a checkpoint at {} ms", ventricle.time().0);
+            (before, resumed_at_ms) = (work, Some(ventricle.time().0));
+            Some(progress)
+        }
+        None => None,
+    };
+    let own = context.checkpoints.own_file(FILE);
+    let mut due = Due::new(context.checkpoint_ms, context.checkpoint_apart, ventricle.time().0);
+    let outcome = run_observed(&mut ventricle, &mut circulation, &settings, from, |seen| {
+        let time = seen.ventricle_time_ms();
+        let stop = context.check_stop();
+        if let Some(file) = &own
+            && (due.at(time) || stop.is_err() || context.stop.take_checkpoint())
+        {
+            let checkpoint = BeatCheckpoint {
+                progress: seen.progress.clone(),
+                circulation: seen.circulation.snapshot(),
+                ventricle: seen.ventricle.snapshot(),
+                work: sum(before, seen.ventricle.work()),
+            };
+            if let Err(source) = write(file, &checkpoint.to_bytes(&task)) {
+                return ControlFlow::Break(TaskError::Checkpoint(source));
+            }
+        }
+        if let Err(stop) = stop {
+            return ControlFlow::Break(stop);
+        }
+        let beat = seen.progress.n_beats;
+        context.progress.report("simulating", time - seen.progress.beat_start_ms, Some(length), || {
+            let work = seen.ventricle.work();
+            let newton = work.newton_iterations as f64 / work.steps.max(1) as f64;
+            format!("beat {beat}: {time:.0} ms, {newton:.2} Newton iterations a step")
+        });
+        ControlFlow::Continue(())
+    });
+    let outcome = match outcome {
+        ControlFlow::Continue(outcome) => outcome,
+        ControlFlow::Break(stopped) => return Err(stopped),
+    };
+    let work = sum(before, ventricle.work());
+    let figures = &organ.figures;
+    let mut counters: BTreeMap<String, f64> = [
+        ("nodes", figures.nodes as f64),
+        ("elements", figures.elements as f64),
+        ("degrees_of_freedom", figures.degrees_of_freedom as f64),
+        ("steps_tried", work.steps as f64),
+        ("newton_iterations_tried", work.newton_iterations as f64),
+        ("krylov_iterations", work.krylov_iterations as f64),
+        ("factorisations", work.factorisations as f64),
+        ("seconds_setup", seconds_setup),
+        ("seconds_beat", begun.elapsed().as_secs_f64()),
+    ]
+    .map(|(name, value)| (name.to_owned(), value))
+    .into();
+    counters.extend(resumed_at_ms.map(|time| ("resumed_at_ms".to_owned(), time)));
+    if let BeatOutcome::Finished(result) = &outcome {
+        counters.insert("newton_iterations_per_step".to_owned(), {
+            result.work.n_iterations as f64 / result.work.n_steps.max(1) as f64
+        });
+    }
+    ending(spec, outcome, counters, context)
+}
+
+fn sum(a: VentricleWork, b: VentricleWork) -> VentricleWork {
+    VentricleWork {
+        steps: a.steps + b.steps,
+        newton_iterations: a.newton_iterations + b.newton_iterations,
+        krylov_iterations: a.krylov_iterations + b.krylov_iterations,
+        factorisations: a.factorisations + b.factorisations,
+    }
+}
+
+fn write(file: &Path, bytes: &[u8]) -> io::Result<()> {
+    if let Some(folder) = file.parent() {
+        fs::create_dir_all(folder)?;
+    }
+    files::write_atomic(file, bytes)
+}
+
+/// Ventricle and circulation of a specification with its effects, at their start.
+///
+/// # Errors
+/// As for [`run`].
+pub(super) fn assemble(spec: &OrganBeatSpec, organ: &FiniteElementOrgan) -> Result<Organ, TaskError> {
+    let stored = StoredVentricle::read(&organ.ventricle)?;
+    let figures = &organ.figures;
+    // A one-fibre ventricle of the same volumes, from which effects take those that they need.
+    let reference = OneFibrePassive::through(
+        Ml(figures.unloaded_volume_ml),
+        Ml(figures.end_diastolic_volume_ml),
+        Mmhg(figures.end_diastolic_pressure_mmhg),
+        Ml(figures.wall_volume_ml),
+        DEFAULT_EXPONENT,
+    )
+    .map_err(TaskError::PassiveState)?;
+    let surroundings = Surroundings { heart: heart(spec), onset: Ms(figures.onset_ms) };
+    let contraction = contraction(&spec.contraction, spec.cycle_length_ms)?;
+    let effects = effects(&spec.circulation.effects)?;
+    let parts = in_three_dimensions(&surroundings, reference, contraction, &effects)?;
+    let (found, expected) = (stored.about.effects_exponent_factor, parts.exponent_factor);
+    if found != expected {
+        return Err(FiniteElementError::Exponents { found, expected }.into());
+    }
+    let restored = stored.restore(parts.cross_fibre_share)?;
+    let activation_ms: Vec<f64> = (stored.mesh.nodes_mm.iter().zip(&stored.activation_ms))
+        .map(|(node, time)| figures.onset_ms + time + parts.late.map_or(0.0, |late| delay_ms(late, node)))
+        .collect();
+    let EquationSettings { tolerance, linear_solver } =
+        spec.finite_element.unwrap_or_else(|| FiniteElementSettings::default().equations());
+    let ventricle = FiniteElementVentricle::new(VentricleParts {
+        anatomy: &restored.anatomy,
+        wall: &restored.wall,
+        end_diastole: restored.end_diastole,
+        contraction: parts.contraction,
+        activation_ms: &activation_ms,
+        cycle_length: Ms(spec.cycle_length_ms),
+        pressure_terms: parts.pressure_terms,
+        viscosity: parts.viscosity,
+        settings: StepSettings {
+            relative_tolerance: tolerance,
+            max_iterations: spec.newton_iterations as usize,
+            linear: wall::linear_solver(linear_solver),
+            ..StepSettings::default()
+        },
+    })
+    .map_err(TaskError::Organ)?;
+    Ok(Organ { ventricle, circulation: parts.circulation })
+}
+
+/// The delay of a node in the late part: a sector around the lateral side, opposite the septum at −x.
+fn delay_ms(late: LatePart, [x, y, _]: &[f64; 3]) -> f64 {
+    let from_lateral = y.atan2(*x).abs() / std::f64::consts::PI;
+    if from_lateral < late.share { late.delay_ms } else { 0.0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_late_part_is_a_sector_opposite_the_septum() {
+        let late = LatePart { delay_ms: 60.0, share: 0.25 };
+        let n = 3600;
+        let delayed = (0..n).filter(|k| {
+            let angle = std::f64::consts::TAU * (f64::from(*k) + 0.5) / f64::from(n);
+            delay_ms(late, &[angle.cos(), angle.sin(), 1.0]) > 0.0
+        });
+        assert_eq!(delayed.count(), 900);
+        assert_eq!((delay_ms(late, &[30.0, 0.0, 0.0]), delay_ms(late, &[-30.0, 0.0, 0.0])), (60.0, 0.0));
+    }
+}

@@ -1,0 +1,259 @@
+//! One simulation of the organ: an iteration of step 1, or the verification beat.
+//!
+//! Artefacts: `traces.csv` (pressures, volume, flows) and `nodal.csv` (see [`crate::nodal`]). A simulation that cannot go
+//! on leaves its traces up to there.
+
+mod finite_element;
+
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
+use std::sync::Arc;
+
+use cardiotwin_models::beat::{BeatCheck, BeatOutcome, BeatResult, BeatSettings, BeatTraces, Beats, run_beats};
+use cardiotwin_models::calcium::SampledCalcium;
+use cardiotwin_models::cell0d::{CalciumInput, CellError, CellParameters, CellSolverSettings};
+use cardiotwin_models::circulation::{LeftHeart, StartPressure};
+use cardiotwin_models::contraction::{Tanh, TanhParameters};
+use cardiotwin_models::effects::{Assembled, BaseModel, EffectSetting, assemble};
+use cardiotwin_models::ventricle::{ActivationSpread, GroupContraction, OneFibrePassive};
+use cardiotwin_schemas::organ::{self, ActivationSpec, BeatCount, ContractionSpec, EffectSpec, OrganSpec};
+use cardiotwin_schemas::outcome::{Check, Ending, OrganBeatResult, TaskResult};
+use cardiotwin_schemas::task::OrganBeatSpec;
+use cardiotwin_signals::{BiomarkerSet, Continuation, Quantity, Trace};
+use cardiotwin_units::{Kpa, Ml, Mmhg, MmhgSPerMl, Ms};
+
+use crate::biomarkers;
+use crate::calcium;
+use crate::cell_parameters::NamedCell;
+use crate::context::Context;
+use crate::error::{TaskError, chain};
+use crate::nodal::{self, number};
+use crate::tasks::passive_state::estimates::to_solver;
+
+/// Change over the last of several beats at which it counts as periodic where no tolerance was given, mL and mmHg.
+const PERIODIC_CHANGE: f64 = 0.1;
+
+/// Simulates, and judges the simulation.
+///
+/// # Errors
+/// [`TaskError`] when the specification is outside the models or files cannot be written.
+pub fn run(spec: &OrganBeatSpec, context: &mut Context) -> Result<Ending, TaskError> {
+    context.check_stop()?;
+    match &spec.organ {
+        OrganSpec::Reduced { passive, activation } => {
+            let Assembled { mut ventricle, mut circulation, .. } = reduced(spec, passive, activation)?;
+            context.progress.report("simulating", 0.0, None, || format!("{} ms cycle", spec.cycle_length_ms));
+            let outcome = run_beats(&mut ventricle, &mut circulation, &settings(spec));
+            ending(spec, outcome, BTreeMap::new(), context)
+        }
+        OrganSpec::FiniteElement(organ) => finite_element::run(spec, organ, context),
+    }
+}
+
+/// Artefacts and result of a simulation; `counters` join those of its time steps.
+fn ending(
+    spec: &OrganBeatSpec,
+    outcome: BeatOutcome,
+    mut counters: BTreeMap<String, f64>,
+    context: &mut Context,
+) -> Result<Ending, TaskError> {
+    match outcome {
+        BeatOutcome::Diverged { t, reason, traces, .. } => {
+            context.artefacts.write("traces", "traces.csv", &traces_csv(&traces))?;
+            Ok(Ending::Diverged { last_good_ms: t.0, reason: chain(&reason) })
+        }
+        BeatOutcome::Finished(result) => {
+            context.artefacts.write("traces", "traces.csv", &traces_csv(&result.traces))?;
+            if let Some(nodes) = &result.traces.nodes {
+                let with_calcium = !matches!(spec.contraction, ContractionSpec::Tanh { .. });
+                let text = nodal::to_csv(&result.traces.time_ms, nodes, with_calcium);
+                context.artefacts.write("nodal", "nodal.csv", &text)?;
+            }
+            let mut result = organ_beat_result(spec, &result)?;
+            counters.append(&mut result.counters);
+            result.counters = counters;
+            Ok(Ending::Succeeded { result: Box::new(TaskResult::OrganBeat(result)) })
+        }
+    }
+}
+
+fn settings(spec: &OrganBeatSpec) -> BeatSettings {
+    BeatSettings {
+        cycle_length: Ms(spec.cycle_length_ms),
+        beats: match spec.beats {
+            BeatCount::Fixed { n } => Beats::Exactly(n as usize),
+            BeatCount::Periodic { max, tolerance } => {
+                Beats::UntilPeriodic { limit: max as usize, volume: Ml(tolerance), pressure: Mmhg(tolerance) }
+            }
+        },
+        step: Ms(spec.time_step_ms),
+        shortest_step: Ms(spec.shortest_step_ms),
+        record_nodes: true,
+    }
+}
+
+/// One-fibre ventricle and circulation of a specification with its effects, at their start.
+///
+/// # Errors
+/// [`TaskError`] when parameters are outside the models, or an effect is unknown or one of the measurement.
+pub fn reduced(
+    spec: &OrganBeatSpec,
+    passive: &organ::OneFibrePassive,
+    activation: &ActivationSpec,
+) -> Result<Assembled, TaskError> {
+    let effects = effects(&spec.circulation.effects)?;
+    let base = BaseModel {
+        heart: heart(spec),
+        passive: OneFibrePassive {
+            stiffness: Kpa(passive.stiffness_kpa),
+            exponent: passive.exponent,
+            unloaded_volume: Ml(passive.unloaded_volume_ml),
+            end_diastolic_volume: Ml(passive.end_diastolic_volume_ml),
+            wall_volume: Ml(passive.wall_volume_ml),
+            exponent_fitted: false,
+        },
+        activation: ActivationSpread {
+            onset: Ms(activation.onset_ms),
+            spread: Ms(activation.spread_ms),
+            n_groups: activation.groups as usize,
+        },
+        contraction: contraction(&spec.contraction, spec.cycle_length_ms)?,
+    };
+    let mut organ = assemble(base, &effects)?;
+    organ.ventricle.limit_iterations(spec.newton_iterations as usize);
+    Ok(organ)
+}
+
+/// The catalogue's entries for accepted effects; one of the measurement is refused, as nothing is measured here.
+fn effects(specs: &[EffectSpec]) -> Result<Vec<EffectSetting>, TaskError> {
+    let setting = |spec: &EffectSpec| {
+        let setting = EffectSetting::named(&spec.name, &spec.parameters)?;
+        setting.require_physiology()?;
+        Ok(setting)
+    };
+    specs.iter().map(setting).collect()
+}
+
+fn contraction(spec: &ContractionSpec, cycle_length_ms: f64) -> Result<GroupContraction, TaskError> {
+    match spec {
+        ContractionSpec::Tanh { parameters } => {
+            Tanh::new(tanh(parameters)).map(GroupContraction::tanh).map_err(TaskError::Contraction)
+        }
+        ContractionSpec::Land2017Rice { parameters } => {
+            land(NamedCell::new(cycle_length_ms, 1.0).with(parameters)?.parameters())
+        }
+        ContractionSpec::Land2017Trace { parameters, calcium } => {
+            let cell = NamedCell::new(cycle_length_ms, 1.0).with(parameters)?.parameters();
+            let samples = calcium::samples(calcium, cycle_length_ms)?;
+            let sampled = SampledCalcium::new(Ms(calcium::INTERVAL_MS), samples).map_err(CellError::from)?;
+            land(CellParameters { calcium: CalciumInput::Sampled(Arc::new(sampled)), ..cell })
+        }
+    }
+}
+
+/// Stretch counts from end-diastole: the cell's periodic state belongs to a beat that starts at one.
+fn land(cell: CellParameters) -> Result<GroupContraction, TaskError> {
+    let cell = cell.build()?;
+    let beat = cell.solve_periodic(&CellSolverSettings::default())?;
+    Ok(GroupContraction::land(&cell, &beat))
+}
+
+fn tanh(p: &organ::TanhParameters) -> TanhParameters {
+    TanhParameters {
+        smax_ref_kpa: p.smax_ref_kpa,
+        tau_sr_ref_ms: p.tau_sr_ref_ms,
+        tau_sd_ms: p.tau_sd_ms,
+        t_cr_ms: p.t_cr_ms,
+        a4_ms: p.a4_ms,
+        t_emd_ms: p.t_emd_ms,
+        a6: p.a6,
+        a7: p.a7,
+    }
+}
+
+fn heart(spec: &OrganBeatSpec) -> LeftHeart {
+    LeftHeart {
+        left_atrial_pressure: Mmhg(spec.circulation.left_atrial_pressure_mmhg),
+        mitral_forward: MmhgSPerMl(spec.valves.r_mv_f_mmhg_s_per_ml),
+        mitral_backward: MmhgSPerMl(spec.valves.r_b_mmhg_s_per_ml),
+        aortic_forward: MmhgSPerMl(spec.valves.r_av_f_mmhg_s_per_ml),
+        aortic_backward: MmhgSPerMl(spec.valves.r_b_mmhg_s_per_ml),
+        windkessel: to_solver(&spec.circulation.afterload),
+        start: StartPressure::DiastolicCuff(Mmhg(spec.circulation.initial_windkessel_pressure_mmhg)),
+        cycle_length: Ms(spec.cycle_length_ms),
+    }
+}
+
+fn organ_beat_result(spec: &OrganBeatSpec, result: &BeatResult) -> Result<OrganBeatResult, TaskError> {
+    let traces = &result.traces;
+    let small_change = result.volume_change_ml.abs().max(result.pressure_change_mmhg) <= PERIODIC_CHANGE;
+    // One beat is never taken as periodic: its end says nothing of its start.
+    let periodic = result.n_beats > 1 && result.periodic.unwrap_or(small_change);
+    let mut set = simulated_biomarkers(traces, periodic.then_some(spec.cycle_length_ms))?;
+    if let (Some(measured), false) = (spec.measured_end_diastolic_volume_ml, periodic) {
+        set = set.with_gap_to(Ml(measured));
+    }
+    let (biomarkers, time_points) = biomarkers::to_schema(&set);
+    let lambda = traces.nodes.iter().flat_map(|nodes| &nodes.lambda);
+    let counters = BTreeMap::from([
+        ("time_steps".to_owned(), result.work.n_steps as f64),
+        ("cut_steps".to_owned(), result.work.n_cut as f64),
+        ("newton_iterations".to_owned(), result.work.n_iterations as f64),
+        ("volume_change_mL".to_owned(), result.volume_change_ml),
+        ("pressure_change_mmHg".to_owned(), result.pressure_change_mmhg),
+    ]);
+    Ok(OrganBeatResult {
+        biomarkers,
+        time_points,
+        checks: result.checks.iter().map(check).collect(),
+        beats: result.n_beats as u32,
+        periodic,
+        remarks: biomarkers::remarks(&set),
+        lambda_min: lambda.copied().fold(f64::INFINITY, f64::min),
+        counters,
+    })
+}
+
+/// Biomarkers of simulated traces, resampled like measured ones; wrapped around only where periodic.
+fn simulated_biomarkers(traces: &BeatTraces, cycle_length_ms: Option<f64>) -> Result<BiomarkerSet, TaskError> {
+    // The last sample of a periodic beat is the first of the next.
+    let n = traces.time_ms.len() - usize::from(cycle_length_ms.is_some());
+    let trace = |quantity, values: &[f64]| Trace::new(quantity, traces.time_ms[..n].to_vec(), values[..n].to_vec());
+    let pressure = trace(Quantity::Pressure, &traces.pressure_mmhg).map_err(TaskError::SimulatedTrace)?;
+    let volume = trace(Quantity::Volume, &traces.volume_ml).map_err(TaskError::SimulatedTrace)?;
+    let continuation = cycle_length_ms.map_or(Continuation::Single, |length| Continuation::periodic(Ms(length)));
+    Ok(BiomarkerSet::of(Some(&pressure), Some(&volume), continuation)?)
+}
+
+/// The check as read by a person: `volume_balance_ml` becomes `volume balance`, its value gets the unit.
+fn check(check: &BeatCheck) -> Check {
+    let (name, unit) = match check.name.rsplit_once('_') {
+        Some((name, "ml")) => (name, " mL"),
+        Some((name, "mmhg")) => (name, " mmHg"),
+        _ => (check.name.as_str(), ""),
+    };
+    Check {
+        name: name.replace('_', " "),
+        passed: check.passed,
+        found: format!("{}{unit}", number((check.value * 1e4).round() / 1e4)),
+        expected: check.expected.clone(),
+    }
+}
+
+fn traces_csv(traces: &BeatTraces) -> String {
+    let mut text =
+        "time_ms,pressure_mmHg,volume_mL,aortic_pressure_mmHg,aortic_flow_mL_per_s,mitral_flow_mL_per_s\n".to_owned();
+    for (idx, time) in traces.time_ms.iter().enumerate() {
+        let _ = writeln!(
+            text,
+            "{},{},{},{},{},{}",
+            number(*time),
+            number(traces.pressure_mmhg[idx]),
+            number(traces.volume_ml[idx]),
+            number(traces.aortic_pressure_mmhg[idx]),
+            number(traces.aortic_flow_ml_per_s[idx]),
+            number(traces.mitral_flow_ml_per_s[idx]),
+        );
+    }
+    text
+}

@@ -1,0 +1,162 @@
+//! The finite-element ventricle as tasks: step 0 and beats of a bundled patient on the coarsest mesh.
+
+mod support;
+
+use std::path::Path;
+use std::time::Duration;
+
+use cardiotwin_schemas::finite_element::{FiniteElementSettings, VentricleFigures};
+use cardiotwin_schemas::organ::{ContractionSpec, EffectSpec, OrganSpec, Step1Parameters};
+use cardiotwin_schemas::outcome::{Ending, OrganBeatResult, PassiveStateResult, TaskResult};
+use cardiotwin_schemas::settings::StartMode;
+use cardiotwin_schemas::task::{OrganBeatSpec, PassiveStateSpec, TaskSpec};
+use cardiotwin_worker::checkpoint::Checkpoints;
+use cardiotwin_worker::context::Context;
+use cardiotwin_worker::finite_element::checkpoint::{BeatCheckpoint, CheckpointError, FILE};
+use cardiotwin_worker::tasks::run_task;
+use support::{beat_spec, passive_state, step0};
+
+/// 01-CoA on the coarsest mesh, to a tolerance that is enough for what is looked at here.
+fn coarse() -> FiniteElementSettings {
+    FiniteElementSettings { mesh_nodes: 500, tolerance: 1e-3, ..FiniteElementSettings::default() }
+}
+
+fn step0_spec() -> PassiveStateSpec {
+    PassiveStateSpec { finite_element: Some(coarse().anatomy(&[])), ..step0("01-CoA") }
+}
+
+fn figures(state: &PassiveStateResult) -> VentricleFigures {
+    match &state.organ {
+        OrganSpec::FiniteElement(organ) => organ.figures,
+        OrganSpec::Reduced { .. } => panic!("another organ"),
+    }
+}
+
+fn beat(state: &PassiveStateResult, cycle_length_ms: f64) -> OrganBeatSpec {
+    let parameters = Step1Parameters::default();
+    let contraction = ContractionSpec::Tanh { parameters: parameters.tanh };
+    OrganBeatSpec {
+        cycle_length_ms,
+        time_step_ms: 2.0,
+        newton_iterations: coarse().newton_iterations,
+        finite_element: Some(coarse().equations()),
+        ..beat_spec(cycle_length_ms, state, &parameters, contraction)
+    }
+}
+
+fn run(spec: &OrganBeatSpec, context: &mut Context) -> Ending {
+    run_task(&TaskSpec::OrganBeat(Box::new(spec.clone())), context)
+}
+
+fn finished(ending: Ending) -> OrganBeatResult {
+    match ending {
+        Ending::Succeeded { result } => match *result {
+            TaskResult::OrganBeat(result) => result,
+            other => panic!("{other:?}"),
+        },
+        other => panic!("{other:?}"),
+    }
+}
+
+fn read(folder: &Path, name: &str) -> Vec<u8> {
+    std::fs::read(folder.join(name)).unwrap()
+}
+
+// One test for all that needs the ventricle: step 0 is what takes time.
+#[test]
+fn step_0_is_read_by_beats_that_stop_go_on_diverge_and_take_effects() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut context = Context::plain(folder.path(), 1);
+    let spec = step0_spec();
+    let state = passive_state(&spec, &mut context);
+    let found = figures(&state);
+    let edv = state.measured.edv_ml.unwrap();
+    assert!((found.end_diastolic_volume_ml - edv).abs() < 2e-3 * edv, "{found:?} against {edv}");
+    assert!(found.unloaded_volume_ml < found.image_volume_ml && found.image_volume_ml == 138.5, "{found:?}");
+    assert!((40.0..60.0).contains(&found.spread_ms), "{found:?}");
+    let ventricle = context.artefacts.take().into_iter().find(|a| a.name == "ventricle").unwrap();
+    assert_eq!(ventricle.bytes as usize, read(folder.path(), &ventricle.file).len());
+
+    // Uninterrupted.
+    let short = beat(&state, 120.0);
+    let whole = tempfile::tempdir().unwrap();
+    let result = finished(run(&short, &mut Context::plain(whole.path(), 1)));
+    assert!(result.counters["krylov_iterations"] > 0.0 && result.counters["nodes"] == found.nodes as f64);
+    assert!(result.biomarkers.p_max_mmhg.unwrap() > 20.0, "it contracts: {:?}", result.biomarkers);
+
+    // A checkpoint on the way, then from there.
+    let kept = tempfile::tempdir().unwrap();
+    let mut writing = Context {
+        checkpoints: Checkpoints::restarting(kept.path(), Path::new("nowhere"), None),
+        checkpoint_ms: 50.0,
+        checkpoint_apart: Duration::ZERO,
+        ..Context::plain(kept.path(), 1)
+    };
+    finished(run(&short, &mut writing));
+    let again = tempfile::tempdir().unwrap();
+    let mut resuming = Context {
+        checkpoints: Checkpoints::restarting(again.path(), kept.path(), None),
+        ..Context::plain(again.path(), 1)
+    };
+    let resumed = finished(run(&short, &mut resuming));
+    assert_eq!(resumed.counters["resumed_at_ms"], 100.0);
+    for name in ["traces.csv", "nodal.csv"] {
+        assert!(read(again.path(), name) == read(whole.path(), name), "{name} of the resumed beat differs");
+    }
+
+    // A checkpoint that is truncated, or of another task, is refused.
+    let file = kept.path().join("checkpoint").join(FILE);
+    let bytes = std::fs::read(&file).unwrap();
+    let key = TaskSpec::OrganBeat(Box::new(short.clone())).key().to_string();
+    assert!(BeatCheckpoint::from_bytes(&bytes, &key).is_ok());
+    let foreign = BeatCheckpoint::from_bytes(&bytes, "another").unwrap_err();
+    assert!(matches!(&foreign, CheckpointError::Foreign { .. }) && foreign.to_string().contains("another"));
+    assert!(matches!(BeatCheckpoint::from_bytes(&bytes[..bytes.len() / 2], &key), Err(CheckpointError::File(_))));
+
+    // A request to stop leaves a checkpoint, too.
+    let stopped = tempfile::tempdir().unwrap();
+    let mut stopping = Context {
+        checkpoints: Checkpoints::restarting(stopped.path(), kept.path(), None),
+        ..Context::plain(stopped.path(), 1)
+    };
+    let organ_beat = TaskSpec::OrganBeat(Box::new(short.clone()));
+    let fence = stopped.path().join("fence");
+    stopping.fence = Some(fence.clone());
+    std::fs::write(&fence, "").unwrap();
+    assert_eq!(run_task(&organ_beat, &mut stopping), Ending::Cancelled);
+
+    // A beat that cannot be saved: no Newton iteration is enough.
+    let mut hopeless = OrganBeatSpec { newton_iterations: 1, shortest_step_ms: 1.0, ..short.clone() };
+    hopeless.finite_element.as_mut().unwrap().tolerance = 1e-9;
+    let diverged = tempfile::tempdir().unwrap();
+    match run(&hopeless, &mut Context::plain(diverged.path(), 1)) {
+        Ending::Diverged { last_good_ms, reason } => {
+            assert!(last_good_ms < 120.0 && reason.contains("Newton did not converge"), "{reason}");
+        }
+        other => panic!("{other:?}"),
+    }
+    assert!(!read(diverged.path(), "traces.csv").is_empty());
+
+    // An effect of the circulation acts; one of the passive law has to be there since step 0.
+    let with = |name: &str, parameter: &str, value: f64| {
+        let mut spec = short.clone();
+        let effect = EffectSpec { name: name.into(), parameters: [(parameter.to_owned(), value)].into() };
+        spec.circulation.effects = vec![effect];
+        run(&spec, &mut Context::plain(diverged.path(), 1))
+    };
+    let leaking = finished(with("mitral_regurgitation", "orifice_cm2", 0.3));
+    assert!(leaking.biomarkers.p_max_mmhg < result.biomarkers.p_max_mmhg);
+    let Ending::Failed { failure } = with("passive_stiffening", "exponent_factor", 2.0) else { panic!("not refused") };
+    assert!(failure.message.contains("exponents times 1"), "{}", failure.message);
+}
+
+#[test]
+fn diastasis_starts_from_the_image_at_end_diastolic_pressure() {
+    let folder = tempfile::tempdir().unwrap();
+    let spec = PassiveStateSpec { start: StartMode::Diastasis, guccione_c_kpa: Some(2.0), ..step0_spec() };
+    let state = passive_state(&spec, &mut Context::plain(folder.path(), 1));
+    let found = figures(&state);
+    assert_eq!((found.image_volume_ml, found.stiffness_kpa), (138.5, 2.0));
+    assert!((found.end_diastolic_volume_ml - 138.5).abs() < 0.3, "{found:?}");
+    assert_eq!(found.end_diastolic_pressure_mmhg, found.image_pressure_mmhg);
+}
