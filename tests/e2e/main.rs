@@ -4,7 +4,6 @@
 mod afterload;
 mod damage;
 mod discover;
-mod finite_element;
 mod fits;
 mod output;
 mod requests;
