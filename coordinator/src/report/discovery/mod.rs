@@ -165,7 +165,7 @@ mod tests {
             [("P1", kick()), ("P2", nothing())].map(|(id, found)| (id.to_owned(), case(id, found))).into();
         let html = cohort(&cases).into_string();
         assert!(
-            html.contains("1 of 2") && html.contains("With the filling pressure") && html.contains("−20.0"),
+            html.contains("1 of 2") && html.contains("filling pressure") && html.contains("−20.0"),
             "{html}"
         );
         let folder = tempfile::tempdir().unwrap();
