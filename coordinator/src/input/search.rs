@@ -35,7 +35,7 @@ pub fn specification(patient: &Patient, effects: &[String], seed: u64, report: &
         diastasis: measured.diastasis.clone(),
         wall_volume_ml: patient.file.anatomy.wall_volume_ml,
         left_atrial_pressure_mmhg: patient.file.preload.as_ref().map(|preload| preload.left_atrial_pressure_mmhg),
-        afterload: patient.file.afterload.clone(),
+        afterload: patient.file.afterload,
         effects: effects.to_vec(),
         seed,
     })
