@@ -3,7 +3,7 @@
 //! - [`time_course`]: prescribed values, among them the equations of Aróstica et al. 2025
 //! - [`ellipsoid_fibres`]: the fibre rule of Land et al. 2015 and of Aróstica et al. 2025
 //! - [`problem`]: mesh, tissues, supports and loads to a body with probes and cavities
-//! - [`run`]: motion in time, or equilibrium at full load
+//! - [`run()`]: motion in time, or equilibrium at full load
 
 pub mod ellipsoid_fibres;
 pub mod problem;
