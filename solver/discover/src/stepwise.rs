@@ -33,7 +33,8 @@ pub(crate) fn find(search: &Search<'_>, base: &Fit) -> Found {
     let mut levels: Vec<Level> = Vec::new();
     let mut start = base.clone();
     let mut n_evaluations_left = 0;
-    for returns in 0.. {
+    let mut returns = 0;
+    loop {
         let grown = grow(search, &mut levels, start);
         let Pruned { left, losses, held_out } = prune(search, &levels, grown);
         let n_terms = left.plain().structure.terms.len();
@@ -45,8 +46,8 @@ pub(crate) fn find(search: &Search<'_>, base: &Fit) -> Found {
         }
         n_evaluations_left += levels.drain(n_terms..).map(|level| level.n_evaluations()).sum::<usize>();
         start = left.plain().clone();
+        returns += 1;
     }
-    unreachable!("the loop returns")
 }
 
 /// Adds effects to a fit, and exchanges them, as long as the data ask for more; one level for each number of effects.
@@ -103,12 +104,10 @@ fn prune(search: &Search<'_>, levels: &[Level], mut current: Wide) -> Pruned {
         let without = before.get_or_insert_with(|| predict(levels[0].wide.plain())).clone();
         let with = predict(current.plain());
         let confirmed = with.as_ref().zip(without.as_ref()).is_none_or(|(a, b)| a.gap <= HELD_OUT_RISE * b.gap);
-        match losses.pop() {
-            Some(least) if !confirmed => current = least.without,
-            least => {
-                losses.extend(least);
-                return Pruned { left: current, losses, held_out: (without, with) };
-            }
+        if confirmed {
+            return Pruned { left: current, losses, held_out: (without, with) };
         }
+        // The last is the smallest loss.
+        current = losses.swap_remove(losses.len() - 1).without;
     }
 }

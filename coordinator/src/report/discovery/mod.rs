@@ -164,10 +164,7 @@ mod tests {
         let cases: DiscoverCases =
             [("P1", kick()), ("P2", nothing())].map(|(id, found)| (id.to_owned(), case(id, found))).into();
         let html = cohort(&cases).into_string();
-        assert!(
-            html.contains("1 of 2") && html.contains("filling pressure") && html.contains("−20.0"),
-            "{html}"
-        );
+        assert!(html.contains("1 of 2") && html.contains("filling pressure") && html.contains("−20.0"), "{html}");
         let folder = tempfile::tempdir().unwrap();
         let out = folder.path().join("report.html");
         write_discovery("made up", &cases, &out).unwrap();
