@@ -80,6 +80,8 @@ impl<Row> Table<Row> {
 }
 
 /// Reads a table whose columns are separated by `|`, whose rows end with `end`, and whose last column may hold `|`.
+/// A line without its newline was cut: a cut header is none, and what a cut row spoke of is unknown, because a `|` in
+/// its last column looks like its end.
 fn table<Row>(
     command: &'static str,
     output: &Output,
@@ -92,7 +94,8 @@ fn table<Row>(
         let said = first_line(&output.stderr).to_owned();
         return Err(NoAnswer::Failed { command, exit: output.exit, said });
     }
-    let mut lines = output.stdout.split('\n').map(|line| line.strip_suffix('\r').unwrap_or(line));
+    let (whole, cut) = output.stdout.rsplit_once('\n').unwrap_or(("", &output.stdout));
+    let mut lines = whole.split('\n').map(|line| line.strip_suffix('\r').unwrap_or(line));
     if !lines.any(|line| line == header) {
         return Err(NoAnswer::NoHeader { command, found: first_line(&output.stdout).to_owned() });
     }
@@ -105,6 +108,9 @@ fn table<Row>(
             Some(row) => rows.push(row),
             None => unreadable.push(line.to_owned()),
         }
+    }
+    if !cut.trim().is_empty() {
+        unreadable.push(cut.to_owned());
     }
     Ok(Table { rows, unreadable })
 }
