@@ -9,7 +9,7 @@ use crate::biomarkers::{Biomarkers, CellBiomarkers, TimePoints};
 use crate::discover::Discovered;
 use crate::failure::Failure;
 use crate::ids::AttemptId;
-use crate::organ::{CirculationSpec, OrganSpec};
+use crate::organ::{CirculationSpec, OrganSpec, Step1Parameters};
 use crate::provenance::Provenance;
 
 /// `outcome.json` of an attempt, written once, atomically.
@@ -75,6 +75,8 @@ pub enum TaskResult {
     PassiveState(PassiveStateResult),
     /// A simulation.
     OrganBeat(OrganBeatResult),
+    /// What to simulate next in step 1.
+    Step1Proposal(Step1ProposalResult),
     /// Step 2's targets.
     Targets(TargetsResult),
     /// Step 2.
@@ -197,6 +199,32 @@ impl OrganBeatResult {
     pub fn failed_check(&self) -> Option<&Check> {
         self.checks.iter().find(|check| !check.passed)
     }
+}
+
+/// What to simulate next in step 1, and what the corrected one-fibre ventricle promises of it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Step1ProposalResult {
+    /// What to simulate.
+    pub parameters: Step1Parameters,
+    /// Biomarkers of the corrected one-fibre ventricle there: those of step 1.
+    pub predicted: Biomarkers,
+    /// Their cost.
+    pub predicted_cost: f64,
+    /// The iteration, from 1, at which the correction is exact; absent where there was none of use.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub from_iteration: Option<u32>,
+    /// Largest change of a parameter's logarithm from there that was allowed.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub trust_radius: Option<f64>,
+    /// Largest change that was made.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub step: Option<f64>,
+    /// Factor of each biomarker of the one-fibre ventricle at that iteration.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub correction: BTreeMap<String, f64>,
+    /// Beats of the one-fibre ventricle that it took.
+    pub reduced_beats: u64,
 }
 
 /// Step 2's targets. Artefact: `median` (`median.csv`: time_ms, Sa_kPa, Ca_uM, lambda).

@@ -111,15 +111,35 @@ pub enum StopRule {
     BestOfLimit,
 }
 
+/// How step 1 finds the next parameters.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum Update {
+    /// The paper's: each parameter times the ratio of one biomarker.
+    #[default]
+    FixedPoint,
+    /// The one-fibre ventricle, corrected to the simulations so far, proposes.
+    SpaceMapping,
+}
+
+impl Update {
+    fn is_default(&self) -> bool {
+        *self == Self::default()
+    }
+}
+
 /// Step 1 (SPEC section 5).
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Step1Settings {
+    /// How the next parameters are found.
+    #[serde(skip_serializing_if = "Update::is_default")]
+    pub update: Update,
     /// Converged at this cost or below.
     pub tolerance: f64,
     /// Largest number of simulations.
     pub max_iterations: u32,
-    /// Exponent of every update ratio: 1 is the paper's, smaller is damped.
+    /// Exponent of every update ratio of the fixed point: 1 is the paper's, smaller is damped.
     pub damping: f64,
     /// When to stop.
     pub stop: StopRule,
@@ -145,6 +165,7 @@ pub const STEP1_PARAMETERS: [&str; 6] =
 impl Default for Step1Settings {
     fn default() -> Self {
         Self {
+            update: Update::default(),
             tolerance: 0.1,
             max_iterations: 10,
             damping: 1.0,

@@ -12,7 +12,7 @@ use crate::finite_element::{AnatomySpec, EquationSettings};
 use crate::hash::{canonical_json, sha256_hex};
 use crate::ids::{AttemptId, TaskKey};
 use crate::organ::{
-    BeatCount, CirculationSpec, ContractionSpec, EffectSpec, OneFibrePassive, OrganSpec, ValveParameters,
+    BeatCount, CirculationSpec, ContractionSpec, EffectSpec, OneFibrePassive, OrganSpec, Step1Parameters, ValveParameters,
     WindkesselParameters,
 };
 use crate::settings::{ActivationSettings, CellFitSettings, InstructionSet, StartMode};
@@ -38,6 +38,8 @@ pub enum TaskSpec {
     PassiveState(Box<PassiveStateSpec>),
     /// One simulation of the organ: an iteration of step 1, or the verification beat.
     OrganBeat(Box<OrganBeatSpec>),
+    /// What to simulate next in step 1, by space mapping.
+    Step1Proposal(Box<Step1ProposalSpec>),
     /// Median nodal traces and step 2's targets.
     Targets(TargetsSpec),
     /// Step 2: differential evolution at the cell.
@@ -57,6 +59,7 @@ impl TaskSpec {
         match self {
             Self::PassiveState(_) => "passive-state",
             Self::OrganBeat(_) => "organ-beat",
+            Self::Step1Proposal(_) => "step1-proposal",
             Self::Targets(_) => "targets",
             Self::CellFit(_) => "cell-fit",
             Self::CellSweep(_) => "cell-sweep",
@@ -71,7 +74,12 @@ impl TaskSpec {
         match self {
             Self::CellFit(_) => 3,
             Self::Discover(_) => 3,
-            Self::PassiveState(_) | Self::OrganBeat(_) | Self::Targets(_) | Self::CellSweep(_) | Self::Noop(_) => 1,
+            Self::PassiveState(_)
+            | Self::OrganBeat(_)
+            | Self::Step1Proposal(_)
+            | Self::Targets(_)
+            | Self::CellSweep(_)
+            | Self::Noop(_) => 1,
         }
     }
 
@@ -197,6 +205,40 @@ pub struct OrganBeatSpec {
     /// How the equations of the finite-element ventricle are solved.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub finite_element: Option<EquationSettings>,
+}
+
+/// What to simulate next in step 1: the optimum of the one-fibre ventricle, corrected to the simulations so far.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Step1ProposalSpec {
+    /// The beat whose parameters are sought; its own are the initial guess. Of a finite-element ventricle the figures are
+    /// used: those of a one-fibre ventricle of the same volumes, pressure and activation.
+    pub beat: OrganBeatSpec,
+    /// What is to be reached.
+    pub measured: Biomarkers,
+    /// Simulations so far, oldest first.
+    pub runs: Vec<Step1Run>,
+    /// Bounds of the updated parameters, lower and upper.
+    pub bounds: BTreeMap<String, [f64; 2]>,
+    /// Parameters that stay at their initial value.
+    pub frozen: Vec<String>,
+    /// Seed of the points from which the optimum is sought.
+    pub seed: u64,
+}
+
+/// A simulation of step 1, as a proposal sees it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Step1Run {
+    /// What was simulated.
+    pub parameters: Step1Parameters,
+    /// What came out; absent where the simulation failed.
+    pub biomarkers: Option<Biomarkers>,
+    /// Whether both valves opened and closed.
+    pub whole_beat: bool,
+    /// What the proposal that led to it promised.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub predicted_cost: Option<f64>,
 }
 
 /// Median nodal traces and step 2's targets from an organ simulation's nodal traces.

@@ -185,6 +185,9 @@ pub enum TaskError {
     /// The search came to no answer, or to one that its own model does not repeat.
     #[error("the search for missing effects ended without an answer")]
     SearchEnded,
+    /// Nothing can be proposed for step 1.
+    #[error("nothing to simulate next: {0}")]
+    NoProposal(&'static str),
     /// An artefact cannot be written.
     #[error("cannot write {file}")]
     Write {
@@ -236,9 +239,11 @@ impl TaskError {
                 _ => FailureClass::Numerics,
             },
             Self::FiniteElement(error) => error.class(),
-            Self::NoMedian { .. } | Self::SimulatedTrace(_) | Self::NoCell | Self::NoBeat { .. } => {
-                FailureClass::Numerics
-            }
+            Self::NoMedian { .. }
+            | Self::SimulatedTrace(_)
+            | Self::NoCell
+            | Self::NoBeat { .. }
+            | Self::NoProposal(_) => FailureClass::Numerics,
             Self::Discover(DiscoverError::NoBaseFit) => FailureClass::Numerics,
             Self::Discover(_) => FailureClass::Input,
             Self::Nodal { .. } | Self::Identifiability(_) | Self::SearchEnded => FailureClass::Bug,
@@ -269,6 +274,7 @@ impl TaskError {
             }
             Self::FiniteElement(error) => error.remedy(),
             Self::NoMedian { .. } | Self::SimulatedTrace(_) => None,
+            Self::NoProposal(_) => Some("rerun from step1 with other initial values, bounds or update = \"fixed-point\""),
             Self::NoBounds { .. } => Some("give it bounds in [step2.bounds]"),
             Self::UnknownWeight { .. } => Some("correct [step2.weights]"),
             Self::NoCell => Some("move the bounds in [step2.bounds] towards Table A5's"),

@@ -22,5 +22,6 @@ pub mod process;
 pub mod progress;
 pub mod provenance;
 pub mod run;
+pub mod step1;
 pub mod stop;
 pub mod tasks;

@@ -47,6 +47,7 @@ impl Beginning {
             seed: match task {
                 TaskSpec::CellFit(spec) => Some(spec.seed),
                 TaskSpec::Discover(spec) => Some(spec.seed),
+                TaskSpec::Step1Proposal(spec) => Some(spec.seed),
                 TaskSpec::CellSweep(spec) => spec.design.scramble_seed,
                 _ => None,
             },
@@ -77,7 +78,8 @@ pub fn inputs(task: &TaskSpec) -> Vec<&InputFile> {
             ContractionSpec::Tanh { .. } | ContractionSpec::Land2017Rice { .. } => Vec::new(),
         },
         TaskSpec::Discover(spec) => vec![&spec.pressure, &spec.volume],
-        TaskSpec::CellSweep(_) | TaskSpec::Noop(_) => Vec::new(),
+        // Of a mesh only the figures are used, which the specification holds.
+        TaskSpec::Step1Proposal(_) | TaskSpec::CellSweep(_) | TaskSpec::Noop(_) => Vec::new(),
     }
 }
 

@@ -23,6 +23,7 @@ mod profile_interval;
 mod random;
 pub mod robustness;
 pub mod sobol;
+pub mod space_mapping;
 pub mod statistics;
 mod storage;
 

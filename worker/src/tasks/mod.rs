@@ -6,6 +6,7 @@ pub mod discover;
 pub mod noop;
 pub mod organ_beat;
 pub mod passive_state;
+pub mod step1_proposal;
 pub mod targets;
 
 use cardiotwin_schemas::outcome::{Ending, TaskResult};
@@ -22,6 +23,7 @@ pub fn run_task(task: &TaskSpec, context: &mut Context) -> Ending {
         TaskSpec::Noop(spec) => noop::run(spec, context).map(succeeded),
         TaskSpec::PassiveState(spec) => passive_state::run(spec, context).map(succeeded),
         TaskSpec::OrganBeat(spec) => organ_beat::run(spec, context),
+        TaskSpec::Step1Proposal(spec) => step1_proposal::run(spec, context).map(succeeded),
         TaskSpec::Targets(spec) => targets::run(spec, context).map(succeeded),
         TaskSpec::CellFit(spec) => cell_fit::run(spec, context).map(succeeded),
     };

@@ -50,6 +50,23 @@ pub fn run(spec: &OrganBeatSpec, context: &mut Context) -> Result<Ending, TaskEr
     }
 }
 
+/// A beat of the one-fibre ventricle without artefacts: for searches that ask for many. None where it diverges.
+///
+/// # Errors
+/// As for [`run`].
+pub fn reduced_beat(
+    spec: &OrganBeatSpec,
+    passive: &organ::OneFibrePassive,
+    activation: &ActivationSpec,
+) -> Result<Option<OrganBeatResult>, TaskError> {
+    let Assembled { mut ventricle, mut circulation, .. } = reduced(spec, passive, activation)?;
+    let settings = BeatSettings { record_nodes: false, ..settings(spec) };
+    match run_beats(&mut ventricle, &mut circulation, &settings) {
+        BeatOutcome::Finished(result) => organ_beat_result(spec, &result).map(Some),
+        BeatOutcome::Diverged { .. } => Ok(None),
+    }
+}
+
 /// Artefacts and result of a simulation; `counters` join those of its time steps.
 fn ending(
     spec: &OrganBeatSpec,

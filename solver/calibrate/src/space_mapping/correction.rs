@@ -1,0 +1,74 @@
+//! What the cheap model's biomarkers are multiplied by.
+
+use crate::fixed_point::{Biomarker, Biomarkers};
+use nalgebra::{DMatrix, DVector};
+
+/// Ridge of the correction's slopes, as the square of a step of the logarithms: what two runs that lie closer than this say
+/// of a slope is mostly the roughness of both models.
+const RIDGE: f64 = 0.1 * 0.1;
+/// Largest logarithm of a correction.
+const LARGEST: f64 = 2.0;
+
+/// Number of biomarkers.
+pub(super) const N: usize = Biomarker::ALL.len();
+
+/// ln(expensive/cheap) of each biomarker, none where either lacks it.
+pub(super) fn logarithms(expensive: &Biomarkers, cheap: &Biomarkers) -> [Option<f64>; N] {
+    Biomarker::ALL.map(|biomarker| expensive.ratio_to(cheap, biomarker).map(f64::ln))
+}
+
+/// Correction by biomarker: exp(d + s·(x − x_b)), d exact at the base, s through all runs as well as the ridge lets it.
+#[derive(Debug, Clone)]
+pub(super) struct Correction {
+    base: Vec<f64>,
+    at_base: [f64; N],
+    slopes: Vec<DVector<f64>>,
+}
+
+impl Correction {
+    /// None yet: factors of one.
+    pub(super) fn none(n_parameters: usize) -> Self {
+        Self { base: vec![0.0; n_parameters], at_base: [0.0; N], slopes: vec![DVector::zeros(n_parameters); N] }
+    }
+
+    /// From the runs' logarithms of parameters and of factors; `base` is exact.
+    pub(super) fn of(base: usize, runs: &[(Vec<f64>, [Option<f64>; N])]) -> Self {
+        let (x_b, d_b) = &runs[base];
+        let n = x_b.len();
+        let slope = |j: usize| {
+            let Some(d_b) = d_b[j] else { return DVector::zeros(n) };
+            let others: Vec<(DVector<f64>, f64)> = (runs.iter().enumerate())
+                .filter(|(i, _)| *i != base)
+                .filter_map(|(_, (x, d))| {
+                    let step = DVector::from_iterator(n, x.iter().zip(x_b).map(|(x, b)| x - b));
+                    Some((step, d[j]? - d_b))
+                })
+                .collect();
+            // The smallest slopes that explain the differences: s = X (XᵀX + ridge)⁻¹ Δd.
+            let m = others.len();
+            let gram = DMatrix::from_fn(m, m, |a, b| others[a].0.dot(&others[b].0) + if a == b { RIDGE } else { 0.0 });
+            let differences = DVector::from_iterator(m, others.iter().map(|(_, d)| *d));
+            let Some(cholesky) = gram.cholesky() else { return DVector::zeros(n) };
+            let weights = cholesky.solve(&differences);
+            others.iter().zip(weights.iter()).fold(DVector::zeros(n), |sum, ((step, _), weight)| sum + step * *weight)
+        };
+        let slopes = (0..N).map(slope).collect();
+        Self { base: x_b.clone(), at_base: d_b.map(|d| d.unwrap_or(0.0)), slopes }
+    }
+
+    /// The cheap model's biomarkers at `x`, corrected.
+    pub(super) fn apply(&self, x: &[f64], cheap: &Biomarkers) -> Biomarkers {
+        let mut corrected = *cheap;
+        for (j, biomarker) in Biomarker::ALL.into_iter().enumerate() {
+            let slope: f64 = self.slopes[j].iter().zip(x.iter().zip(&self.base)).map(|(s, (x, b))| s * (x - b)).sum();
+            let factor = (self.at_base[j] + slope).clamp(-LARGEST, LARGEST).exp();
+            corrected.set(biomarker, cheap.get(biomarker).map(|value| value * factor));
+        }
+        corrected
+    }
+
+    /// The factors at the base, by biomarker.
+    pub(super) fn factors(&self) -> [f64; N] {
+        self.at_base.map(|d| d.clamp(-LARGEST, LARGEST).exp())
+    }
+}

@@ -1,0 +1,49 @@
+//! How far the next parameters may lie from the best run: as far as predictions held.
+
+use super::Run;
+use crate::fixed_point::Outcome;
+
+/// Largest change of a parameter's logarithm in the first corrected step: the correction then rests on one run.
+pub const FIRST_RADIUS: f64 = 1.0;
+/// Smallest and largest radius.
+const RANGE: [f64; 2] = [0.02, 2.0];
+/// A step that gains less than this share of what was predicted was too long …
+const POOR: f64 = 0.25;
+/// … and one that gains more than this share may be longer.
+const GOOD: f64 = 0.75;
+
+/// The radius after the last of `runs`; `x` holds their logarithms and `costs` their costs, none where a run failed.
+///
+/// Shrinks to half the length of a step that gained little, to a quarter of one that ended without a whole beat; grows to
+/// twice the length of one that kept what it promised.
+pub(super) fn radius(runs: &[Run], x: &[Vec<f64>], costs: &[Option<f64>], is_whole: &dyn Fn(usize) -> bool) -> f64 {
+    let mut radius = FIRST_RADIUS;
+    for last in 1..runs.len() {
+        let best = |admits: &dyn Fn(usize) -> bool| {
+            (0..last)
+                .filter(|i| admits(*i))
+                .filter_map(|i| Some((i, costs[i]?)))
+                .min_by(|a, b| a.1.total_cmp(&b.1))
+        };
+        let Some((base, before)) = best(is_whole).or_else(|| best(&|_| true)) else { continue };
+        let length = x[last].iter().zip(&x[base]).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+        radius = match (&runs[last].outcome, costs[last]) {
+            (Outcome::Simulated(_), Some(_)) if !is_whole(base) => FIRST_RADIUS,
+            (Outcome::NoWholeBeat(_), Some(_)) if !is_whole(base) => radius,
+            (Outcome::Simulated(_), Some(cost)) => {
+                let predicted = runs[last].predicted_cost.unwrap_or(0.0);
+                let share = (before - cost) / (before - predicted).max(1e-9 * before).max(f64::MIN_POSITIVE);
+                if share < POOR {
+                    0.5 * length
+                } else if share > GOOD {
+                    radius.max(2.0 * length)
+                } else {
+                    radius
+                }
+            }
+            _ => 0.25 * length,
+        }
+        .clamp(RANGE[0], RANGE[1]);
+    }
+    radius
+}
