@@ -7,10 +7,13 @@ use serde::{Deserialize, Serialize};
 
 use crate::biomarkers::Biomarkers;
 use crate::ids::PatientId;
-use crate::organ::{BeatCount, CirculationSpec, ContractionSpec, OrganSpec, ValveParameters};
+use crate::organ::{BeatCount, CirculationSpec, ContractionSpec, OrganSpec, Step1Parameters, ValveParameters};
 use crate::outcome::PassiveStateResult;
 use crate::settings::{ActivationSettings, Fidelity, Settings, StartMode};
-use crate::task::{InputFile, OrganBeatSpec, PassiveStateSpec, TaskSpec};
+use crate::task::{InputFile, OrganBeatSpec, PassiveStateSpec, Step1ProposalSpec, Step1Run, TaskSpec};
+
+/// Proposals of all patients draw the same: the data make the difference.
+const PROPOSAL_SEED: u64 = 1;
 
 /// Which chain of tasks a patient runs through.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -100,6 +103,30 @@ impl ResolvedPatient {
             beats,
             measured_end_diastolic_volume_ml: step0.measured.edv_ml,
             finite_element: in_3d.then(|| solver.finite_element.equations()),
+        }
+    }
+
+    /// What to simulate next in step 1, by space mapping.
+    ///
+    /// - `start`: the initial guess
+    #[must_use]
+    pub fn step1_proposal_spec(
+        &self,
+        step0: &PassiveStateResult,
+        start: &Step1Parameters,
+        runs: Vec<Step1Run>,
+    ) -> Step1ProposalSpec {
+        let Settings { solver, step1, .. } = &self.settings;
+        let contraction = ContractionSpec::Tanh { parameters: start.tanh };
+        let beat = self.beat_spec(step0, contraction, start.valves, BeatCount::Fixed { n: solver.beats });
+        Step1ProposalSpec {
+            // The one-fibre ventricle proposes, whichever is simulated.
+            beat: OrganBeatSpec { newton_iterations: solver.newton_iterations, finite_element: None, ..beat },
+            measured: step0.measured,
+            runs,
+            bounds: step1.bounds.clone(),
+            frozen: step1.frozen.clone(),
+            seed: PROPOSAL_SEED,
         }
     }
 

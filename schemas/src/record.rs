@@ -9,7 +9,9 @@ use serde::{Deserialize, Serialize};
 use crate::failure::Failure;
 use crate::ids::TaskKey;
 use crate::organ::Step1Parameters;
-use crate::outcome::{Artefact, CellFitResult, OrganBeatResult, PassiveStateResult, TargetsResult};
+use crate::outcome::{
+    Artefact, CellFitResult, OrganBeatResult, PassiveStateResult, Step1ProposalResult, TargetsResult,
+};
 use crate::plan::ResolvedPatient;
 use crate::provenance::Provenance;
 use crate::status::PatientStatus;
@@ -90,6 +92,9 @@ pub struct IterationRecord {
     pub number: u32,
     /// What was simulated.
     pub parameters: Step1Parameters,
+    /// What proposed it, where a task of its own did.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub proposal: Option<TaskRecord<Step1ProposalResult>>,
     /// What came out, where the simulation succeeded.
     pub run: Option<TaskRecord<OrganBeatResult>>,
     /// Why it failed, where it did.

@@ -122,18 +122,11 @@ pub enum Update {
     SpaceMapping,
 }
 
-impl Update {
-    fn is_default(&self) -> bool {
-        *self == Self::default()
-    }
-}
-
 /// Step 1 (SPEC section 5).
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Step1Settings {
     /// How the next parameters are found.
-    #[serde(skip_serializing_if = "Update::is_default")]
     pub update: Update,
     /// Converged at this cost or below.
     pub tolerance: f64,

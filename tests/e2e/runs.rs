@@ -28,6 +28,30 @@ fn a_cohort_runs_to_the_end_and_the_second_time_does_nothing() {
 }
 
 #[test]
+fn space_mapping_proposes_each_simulation_and_goes_on_from_those_of_the_fixed_point() {
+    let cohort = Cohort::quick();
+    let run = ["run", "--no-report", "--patient", "02-CoA"];
+    let said = cohort.call(&[&run[..], &["--update", "space-mapping"]].concat()).expect(0);
+    assert!(said.err.contains("step-1  proposal 1  predicted cost"), "{}", said.err);
+    let patient = cohort.patient("02-CoA");
+    assert_eq!(patient["step1"]["quality"]["quality"], "converged");
+    let iteration = &patient["iterations"][0];
+    assert!(iteration["cost"].as_f64().unwrap() < 0.02, "the ventricle that is simulated proposes: {iteration}");
+    let shown = cohort.call(&["show", "02-CoA"]).expect(0).out;
+    assert!(shown.contains("PREDICTED") && shown.contains("one-fibre ventricle"), "{shown}");
+
+    // The default again: other iterations; a rerun then proposes on top of them.
+    cohort.call(&run).expect(0);
+    let before = cohort.patient("02-CoA")["iterations"].as_array().unwrap().len();
+    let other = ["step1.update=space-mapping", "step1.tolerance=0.005"];
+    cohort.call(&["rerun", "02-CoA", "--from", "step1", "--set", other[0], "--set", other[1]]).expect(0);
+    cohort.call(&run).expect(0);
+    let iterations = cohort.patient("02-CoA")["iterations"].as_array().unwrap().clone();
+    assert!(iterations.len() > before, "{iterations:?}");
+    assert_eq!(iterations[before]["proposal"]["result"]["from_iteration"].as_u64(), Some(before as u64));
+}
+
+#[test]
 fn a_changed_setting_redoes_only_what_depends_on_it_and_explain_names_it() {
     let cohort = Cohort::quick();
     cohort.call(&["run", "--no-report"]).expect(0);

@@ -314,6 +314,10 @@ fn note(world: &World, i: usize, step: Step) -> String {
             Some(cost) => format!("cost {cost:.3}"),
             None => String::new(),
         },
+        Stage::Step1Proposal => match chain.proposal(step.number) {
+            Some(proposal) => format!("predicted cost {:.3}", proposal.predicted_cost),
+            None => String::new(),
+        },
         Stage::Step2 => chain.step2_cost.map_or_else(String::new, |cost| format!("cost {cost:.3}")),
         Stage::Verification => chain.verification_cost.map_or_else(String::new, |cost| format!("cost {cost:.3}")),
         _ => String::new(),

@@ -13,6 +13,7 @@ use super::EngineError;
 use super::step2::cell_parameters;
 use super::workflow::Settled;
 use super::world::World;
+use crate::machine::patient::Stage;
 use crate::clock;
 use crate::machine::patient::Step;
 
@@ -63,7 +64,7 @@ pub fn learned(world: &World, i: usize) -> Result<Option<ModelOverlay>, EngineEr
 }
 
 fn is_foundation(step: Step, best: Option<u32>) -> bool {
-    step.stage != crate::machine::patient::Stage::Step1 || best == Some(step.number)
+    !matches!(step.stage, Stage::Step1 | Stage::Step1Proposal) || best == Some(step.number)
 }
 
 /// Writes the next version if it says something new; the versions before stay as `model.vN.toml`.

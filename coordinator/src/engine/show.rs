@@ -34,17 +34,18 @@ impl World {
         if let Ok(plan) = self.plan(i)
             && plan.workflow == Workflow::Personalise
         {
-            let running = state.step().filter(|s| s.stage == Stage::Step1).map_or(0, |s| s.number);
+            let running = state.step().filter(|s| matches!(s.stage, Stage::Step1 | Stage::Step1Proposal)).map_or(0, |s| s.number);
             shown.iteration = Some(running.max(chain.iterations.len() as u32));
             shown.max_iterations = Some(patient.carried.len() as u32 + plan.settings.step1.max_iterations);
         }
         match state {
             Patient::Waiting => shown.step = chain.steps().last().map_or(shown.step, |(step, _)| column(step)),
             Patient::Deciding { .. } => {}
-            Patient::Working { task, .. } => {
+            Patient::Working { step, task } => {
                 let (word, note) = self.at_work(task);
                 shown.word = word.to_owned();
-                shown.note = note;
+                let proposes = note.is_empty() && step.stage == Stage::Step1Proposal;
+                shown.note = if proposes { "proposing the next parameters".to_owned() } else { note };
             }
             Patient::Done => {
                 shown.step = "done".to_owned();
@@ -57,6 +58,7 @@ impl World {
                 shown.failure_class = Some(failure.class);
                 shown.note = match step.stage {
                     Stage::Step1 => format!("iteration {}: {}", step.number, failure.message),
+                    Stage::Step1Proposal => format!("proposal of iteration {}: {}", step.number, failure.message),
                     _ => failure.message.clone(),
                 };
             }
@@ -87,6 +89,8 @@ impl World {
 fn column(step: Step) -> String {
     match step.stage {
         Stage::Noop => step.to_string(),
+        // For people a part of step 1.
+        Stage::Step1Proposal => Stage::Step1.to_string(),
         stage => stage.to_string(),
     }
 }

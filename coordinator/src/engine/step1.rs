@@ -22,6 +22,19 @@ pub fn biomarkers(b: &Biomarkers) -> fixed_point::Biomarkers {
     }
 }
 
+/// Those alone, so that a proposal's key depends on nothing else.
+pub fn of_step1(b: &Biomarkers) -> Biomarkers {
+    Biomarkers {
+        p_max_mmhg: b.p_max_mmhg,
+        dpdt_max_mmhg_per_ms: b.dpdt_max_mmhg_per_ms,
+        dpdt_min_mmhg_per_ms: b.dpdt_min_mmhg_per_ms,
+        ptd90_ms: b.ptd90_ms,
+        tau_vd_ms: b.tau_vd_ms,
+        tau_vr_ms: b.tau_vr_ms,
+        ..Biomarkers::default()
+    }
+}
+
 /// What a simulation tells step 1. Without a whole beat pressure alone counts: hardly any volume has moved.
 pub fn outcome(beat: &OrganBeatResult) -> Outcome {
     let found = biomarkers(&beat.biomarkers);

@@ -17,10 +17,11 @@ use cardiotwin_schemas::organ::{BeatCount, ContractionSpec, OrganSpec, Step1Para
 use cardiotwin_schemas::outcome::{Artefact, CellFitResult, PassiveStateResult, TargetsResult, TaskResult};
 use cardiotwin_schemas::plan::{ResolvedPatient, Workflow};
 use cardiotwin_schemas::record::{StallReason, Step1Quality, Step1Summary};
-use cardiotwin_schemas::task::{InputFile, NoopSpec, TargetsSpec, TaskSpec};
+use cardiotwin_schemas::settings::Update;
+use cardiotwin_schemas::task::{InputFile, NoopSpec, Step1Run, TargetsSpec, TaskSpec};
 
 use super::{step1, step2};
-use crate::machine::chain::{Chain, ChainIteration};
+use crate::machine::chain::{Chain, ChainIteration, ChainProposal};
 use crate::machine::patient::{Stage, Step};
 
 /// A settled task, as the chain sees it.
@@ -200,8 +201,18 @@ impl<'a> Derivation<'a, '_> {
         history.resumed_at = history.iterations.len();
         loop {
             let number = runs.len() as u32 + 1;
-            let decision = fixed_point::decide(&fixed_settings, &measured, &history)
-                .map_err(|error| invalid(number, error.to_string()))?;
+            let decision = match settings.update {
+                Update::FixedPoint => fixed_point::decide(&fixed_settings, &measured, &history),
+                Update::SpaceMapping => match fixed_point::ended(&fixed_settings, &measured, &history) {
+                    Ok(None) => match self.proposal(step0, &start, &runs)?.filter(|next| history.lacks(next)) {
+                        Some(parameters) => Ok(fixed_point::Decision::Next { parameters, from: None }),
+                        None => fixed_point::nothing_new(&fixed_settings, &measured, &history),
+                    },
+                    Ok(Some(ended)) => Ok(ended),
+                    Err(error) => Err(error),
+                },
+            };
+            let decision = decision.map_err(|error| invalid(number, error.to_string()))?;
             match decision {
                 fixed_point::Decision::Next { parameters, .. } => {
                     let parameters = start.with_updated(step1::values(&parameters));
@@ -214,6 +225,37 @@ impl<'a> Derivation<'a, '_> {
                 }
             }
         }
+    }
+
+    /// The next parameters by space mapping; none if nothing is left to try.
+    fn proposal(
+        &mut self,
+        step0: &PassiveStateResult,
+        start: &Step1Parameters,
+        runs: &[Result<Published<'a>, Failure>],
+    ) -> Derived<Option<fixed_point::Parameters>> {
+        let number = runs.len() as u32 + 1;
+        let step = Step { stage: Stage::Step1Proposal, number };
+        let told = runs.iter().zip(&self.chain.iterations).zip(1..).map(|((run, iteration), number)| Step1Run {
+            parameters: iteration.parameters,
+            biomarkers: match run.as_ref().map(|run| run.result) {
+                Ok(TaskResult::OrganBeat(beat)) => Some(step1::of_step1(&beat.biomarkers)),
+                _ => None,
+            },
+            whole_beat: run.is_ok() && !iteration.no_whole_beat,
+            predicted_cost: self.chain.proposal(number).map(|proposal| proposal.predicted_cost),
+        });
+        let told = told.collect();
+        let spec = self.plan.step1_proposal_spec(step0, start, told);
+        let done = match self.result(step, TaskSpec::Step1Proposal(Box::new(spec))) {
+            Ok(done) => done,
+            Err(Next::Failed { failure, .. }) if failure.class == FailureClass::Numerics => return Ok(None),
+            Err(next) => return Err(next),
+        };
+        let TaskResult::Step1Proposal(result) = done.result else { return Err(wrong_kind(step, done.result)) };
+        let predicted_cost = result.predicted_cost;
+        self.chain.proposals.push(ChainProposal { iteration: number, task: done.key, predicted_cost });
+        Ok(Some(step1::parameters(&result.parameters)))
     }
 
     /// One simulation of step 1: told to the history when it is settled, else handed back as wanted.

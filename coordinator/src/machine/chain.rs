@@ -17,6 +17,9 @@ pub struct Chain {
     pub step0: Option<TaskKey>,
     /// Step 1's simulations, failed ones and those of earlier settings included.
     pub iterations: Vec<ChainIteration>,
+    /// What step 1's simulations were proposed by, where a task of its own did; the last one's may be still to come.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub proposals: Vec<ChainProposal>,
     /// How step 1 ended.
     pub step1: Option<Step1Summary>,
     /// Step 2's targets.
@@ -52,11 +55,23 @@ pub struct ChainIteration {
     pub relative_differences: BTreeMap<String, f64>,
 }
 
+/// What proposed a simulation of step 1.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct ChainProposal {
+    /// Which iteration, from 1.
+    pub iteration: u32,
+    /// The task.
+    pub task: TaskKey,
+    /// The cost that it promised.
+    pub predicted_cost: f64,
+}
+
 impl Chain {
     /// Every settled task with its place.
     pub fn steps(&self) -> impl Iterator<Item = (Step, &TaskKey)> {
         let iterations = self.iterations.iter().map(|i| &i.task);
-        [Stage::Step0]
+        let proposals = self.proposals.iter().map(|p| (Step { stage: Stage::Step1Proposal, number: p.iteration }, &p.task));
+        let mut steps: Vec<(Step, &TaskKey)> = [Stage::Step0]
             .into_iter()
             .zip(&self.step0)
             .chain(std::iter::repeat(Stage::Step1).zip(iterations))
@@ -70,6 +85,16 @@ impl Chain {
                 *last = Some(stage);
                 Some((Step { stage, number: *number }, key))
             })
+            .chain(proposals)
+            .collect();
+        steps.sort_by_key(|(step, _)| *step);
+        steps.into_iter()
+    }
+
+    /// What proposed an iteration, from 1.
+    #[must_use]
+    pub fn proposal(&self, iteration: u32) -> Option<&ChainProposal> {
+        self.proposals.iter().find(|proposal| proposal.iteration == iteration)
     }
 
     /// Lowest cost of a whole beat of step 1 so far.

@@ -9,8 +9,10 @@ use cardiotwin_schemas::failure::{Failure, FailureClass};
 use cardiotwin_schemas::ids::AttemptId;
 use cardiotwin_schemas::organ::OrganSpec;
 use cardiotwin_schemas::outcome::{
-    CellFitResult, CellSweepResult, Ending, OrganBeatResult, PassiveStateResult, TargetsResult, TaskOutcome, TaskResult,
+    CellFitResult, CellSweepResult, Ending, OrganBeatResult, PassiveStateResult, Step1ProposalResult, TargetsResult,
+    TaskOutcome, TaskResult,
 };
+use cardiotwin_schemas::settings::STEP1_PARAMETERS;
 
 use super::job::AttemptEnding;
 
@@ -43,6 +45,7 @@ fn science(kind: &str, result: &TaskResult) -> Result<(), Failure> {
     match (kind, result) {
         ("passive-state", TaskResult::PassiveState(r)) => passive_state(r),
         ("organ-beat", TaskResult::OrganBeat(r)) => organ_beat(r),
+        ("step1-proposal", TaskResult::Step1Proposal(r)) => step1_proposal(r),
         ("targets", TaskResult::Targets(r)) => targets(r),
         ("cell-fit", TaskResult::CellFit(r)) => cell_fit(r),
         ("cell-sweep", TaskResult::CellSweep(r)) => cell_sweep(r),
@@ -52,6 +55,7 @@ fn science(kind: &str, result: &TaskResult) -> Result<(), Failure> {
             let found = match other {
                 TaskResult::PassiveState(_) => "passive-state",
                 TaskResult::OrganBeat(_) => "organ-beat",
+                TaskResult::Step1Proposal(_) => "step1-proposal",
                 TaskResult::Targets(_) => "targets",
                 TaskResult::CellFit(_) => "cell-fit",
                 TaskResult::CellSweep(_) => "cell-sweep",
@@ -105,6 +109,12 @@ fn organ_beat(r: &OrganBeatResult) -> Result<(), Failure> {
     }
     positive("smallest stretch", r.lambda_min)?;
     biomarkers(&r.biomarkers)
+}
+
+fn step1_proposal(r: &Step1ProposalResult) -> Result<(), Failure> {
+    STEP1_PARAMETERS.iter().zip(r.parameters.updated()).try_for_each(|(name, value)| positive(name, value))?;
+    finite("predicted cost", r.predicted_cost)?;
+    biomarkers(&r.predicted)
 }
 
 fn targets(r: &TargetsResult) -> Result<(), Failure> {

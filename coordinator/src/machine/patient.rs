@@ -11,12 +11,14 @@
 //!   └──────────── Cancel ────────┴──────────► Cancelled{at}
 //!
 //!  steps:  step-0 ─► step-1 iteration 1 … k ─► targets ─► step-2 ─► verification      (personalise)
+//!                    each after a proposal of its own, where space mapping finds the next parameters
 //!          noop-1 ─► noop-2 ─► noop-3                                                 (noop)
 //!          task                                                                       (an element of a sweep)
 //! ```
 //! `stalled` is a quality of step 1's result, no state: the chain goes on from the best iteration. Steps only go
 //! forward; only `Replan` goes back. Done, Failed and Cancelled absorb every observation.
 
+use std::cmp::Ordering;
 use std::fmt;
 use std::str::FromStr;
 
@@ -33,7 +35,10 @@ pub enum Stage {
     /// Passive state and loads.
     #[serde(rename = "step-0")]
     Step0,
-    /// The fixed point at the organ.
+    /// What to simulate next at the organ, where a task of its own finds that.
+    #[serde(rename = "step-1-proposal")]
+    Step1Proposal,
+    /// The simulations at the organ.
     #[serde(rename = "step-1")]
     Step1,
     /// Median traces.
@@ -55,6 +60,7 @@ impl Stage {
     pub fn as_str(self) -> &'static str {
         match self {
             Self::Step0 => "step-0",
+            Self::Step1Proposal => "step-1-proposal",
             Self::Step1 => "step-1",
             Self::Targets => "targets",
             Self::Step2 => "step-2",
@@ -95,8 +101,8 @@ impl FromStr for Stage {
     }
 }
 
-/// A stage, and which of its tasks: iterations of step 1 and no-ops count from 1, the others have one.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+/// A stage, and which of its tasks: iterations of step 1, their proposals and no-ops count from 1, the others have one.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct Step {
     /// The stage.
     pub stage: Stage,
@@ -112,9 +118,27 @@ impl Step {
     }
 }
 
+impl Ord for Step {
+    /// The order of the chain: proposals and simulations of step 1 take turns.
+    fn cmp(&self, other: &Self) -> Ordering {
+        let key = |step: &Self| match step.stage {
+            Stage::Step1Proposal => (Stage::Step1, step.number, 0),
+            stage => (stage, step.number, 1),
+        };
+        key(self).cmp(&key(other))
+    }
+}
+
+impl PartialOrd for Step {
+    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
+        Some(self.cmp(other))
+    }
+}
+
 impl fmt::Display for Step {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self.stage {
+            Stage::Step1Proposal => write!(f, "step-1 proposal {}", self.number),
             Stage::Step1 => write!(f, "step-1 iteration {}", self.number),
             Stage::Noop => write!(f, "noop-{}", self.number),
             stage => write!(f, "{stage}"),

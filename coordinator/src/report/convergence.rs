@@ -55,7 +55,14 @@ pub fn cost(patient: &PatientRecord) -> Option<Chart> {
         .iter()
         .filter_map(|i| i.cost.filter(|c| c.is_finite()).map(|c| (f64::from(i.number), c)))
         .collect();
-    let scale = Scale::log(points.iter().map(|p| p.1).chain((!points.is_empty()).then_some(0.7 * tolerance)), 3.0)?;
+    let promised = |i: &IterationRecord| i.proposal.as_ref().map(|task| task.result.predicted_cost);
+    let predicted: Vec<_> = patient
+        .iterations
+        .iter()
+        .filter_map(|i| promised(i).filter(|c| *c > 0.0).map(|c| (f64::from(i.number), c)))
+        .collect();
+    let shown = points.iter().chain(predicted.iter().filter(|_| !points.is_empty())).map(|p| p.1);
+    let scale = Scale::log(shown.chain((!points.is_empty()).then_some(0.7 * tolerance)), 3.0)?;
     let mut chart = small(
         format!("cost of {} by iteration", patient.plan.id),
         iteration_axis(&patient.iterations),
@@ -63,6 +70,9 @@ pub fn cost(patient: &PatientRecord) -> Option<Chart> {
     );
     let label = SvgText::from(format!("converged at {}", significant(tolerance, 1)).as_str());
     chart.marks.push(Mark::Across { y: tolerance, class: "level", label: Some((label, 14.0)) });
+    if !predicted.is_empty() {
+        chart.series.push(Series { class: "mean", name: "predicted by its proposal".into(), points: predicted, dots: false });
+    }
     chart.series.push(Series { class: "measured", name: "cost".into(), points, dots: true });
     mark_iterations(&mut chart, patient, |i| i.cost);
     Some(chart)

@@ -230,6 +230,9 @@ fn step1(patient: &PatientRecord) -> Markup {
             p.quiet {
                 "Each simulation's parameters relative to the first guess, on one logarithmic axis; the band marks the iterate that was taken"
                 @if patient.iterations.iter().any(|i| i.failure.is_some()) { ", × a simulation that failed" } "."
+                @if patient.iterations.iter().any(|i| i.proposal.is_some()) {
+                    " The one-fibre ventricle, corrected to the simulations before, proposed them; the line without dots is the cost that it predicted."
+                }
             }
             div.figures.small {
                 (figure("Cost", convergence::cost(patient), "No simulation has a cost yet.", &Markup::default()))

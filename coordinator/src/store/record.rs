@@ -102,6 +102,10 @@ pub(super) fn patient(
     let iterations = chain.iterations.iter().zip(1..).map(|(iteration, number)| IterationRecord {
         number,
         parameters: iteration.parameters,
+        proposal: find(settled, chain.proposal(number).map(|proposal| &proposal.task), |result| match result {
+            TaskResult::Step1Proposal(r) => Some(r.clone()),
+            _ => None,
+        }),
         run: find(settled, Some(&iteration.task), organ_beat),
         failure: settled.get(&iteration.task).and_then(Settled::failure),
         cost: iteration.cost,

@@ -45,6 +45,9 @@ pub struct RunArgs {
     /// About how many nodes the finite-element mesh has (solver.finite_element.mesh_nodes)
     #[arg(long, value_name = "N")]
     mesh_nodes: Option<u32>,
+    /// How step 1 finds the next parameters (step1.update)
+    #[arg(long, value_name = "NAME", value_parser = ["fixed-point", "space-mapping"])]
+    update: Option<String>,
     /// Settings on top of all files (may be given several times); `config show` lists the keys
     #[arg(long = "set", value_name = "KEY=VALUE")]
     set: Vec<String>,
@@ -102,6 +105,7 @@ fn load(args: &RunArgs, folders: &Folders, talk: &Talk) -> Result<Cohort, CliErr
     let mut set = args.set.clone();
     set.extend(args.fidelity.iter().map(|name| format!("solver.fidelity={name}")));
     set.extend(args.mesh_nodes.map(|n| format!("solver.finite_element.mesh_nodes={n}")));
+    set.extend(args.update.iter().map(|name| format!("step1.update={name}")));
     set.extend(args.workers.map(|n| format!("executor.workers={n}")));
     let mut report = Report::default();
     let cohort = input::load(directory, &Options { set, ..Options::default() }, &mut report);

@@ -1,9 +1,9 @@
 //! `cardiotwin show`: all about one patient.
 
 use cardiotwin_schemas::ids::PatientId;
-use cardiotwin_schemas::outcome::{Determination, FittedParameter};
+use cardiotwin_schemas::outcome::{Determination, FittedParameter, Step1ProposalResult};
 use cardiotwin_schemas::record::{IterationRecord, PatientRecord};
-use cardiotwin_schemas::settings::STEP1_PARAMETERS;
+use cardiotwin_schemas::settings::{STEP1_PARAMETERS, Update};
 use clap::Args;
 
 use crate::cli::error::CliError;
@@ -109,6 +109,10 @@ fn iterations(record: &PatientRecord, talk: &Talk) -> String {
         return String::new();
     }
     let mut headings = vec![">ITERATION", ">COST"];
+    let proposed = record.iterations.iter().any(|iteration| iteration.proposal.is_some());
+    if proposed {
+        headings.extend([">PREDICTED", "PROPOSED BY"]);
+    }
     let names: Vec<String> = STEP1_PARAMETERS.iter().map(|name| format!(">{name}")).collect();
     headings.extend(names.iter().map(String::as_str));
     headings.push("NOTE");
@@ -116,11 +120,24 @@ fn iterations(record: &PatientRecord, talk: &Talk) -> String {
     let best = PatientView(record).best_iteration().map(|iteration| iteration.number);
     for iteration in &record.iterations {
         let mut row = vec![(iteration.number.to_string(), None), (optional(iteration.cost), None)];
+        if proposed {
+            let proposal = iteration.proposal.as_ref().map(|task| &task.result);
+            row.push((optional(proposal.map(|proposal| proposal.predicted_cost)), None));
+            row.push((proposed_by(proposal), None));
+        }
         row.extend(iteration.parameters.updated().iter().map(|value| (number(*value), None)));
         row.push(note(iteration, best == Some(iteration.number)));
         table.toned(row);
     }
     table.text()
+}
+
+fn proposed_by(proposal: Option<&Step1ProposalResult>) -> String {
+    match proposal.map(|proposal| proposal.from_iteration) {
+        None => "-".to_owned(),
+        Some(None) => "one-fibre ventricle".to_owned(),
+        Some(Some(iteration)) => format!("one-fibre ventricle corrected to {iteration}"),
+    }
 }
 
 fn note(iteration: &IterationRecord, best: bool) -> (String, Option<Tone>) {
@@ -219,6 +236,9 @@ fn hint(record: &PatientRecord, folders: &Folders) -> Option<String> {
         return Some(format!("`cardiotwin logs {id}{of}` shows what the worker said"));
     }
     let stalled = record.step1.is_some() && !PatientView(record).step1_converged();
-    stalled
-        .then(|| format!("`cardiotwin rerun {id} --from step1 --damping 0.5{of}` goes on from the stored iterations"))
+    let other = match record.plan.settings.step1.update {
+        Update::FixedPoint => "--damping 0.5",
+        Update::SpaceMapping => "--set step1.update=fixed-point",
+    };
+    stalled.then(|| format!("`cardiotwin rerun {id} --from step1 {other}{of}` goes on from the stored iterations"))
 }

@@ -12,7 +12,7 @@ use cardiotwin_schemas::outcome::TaskResult;
 use cardiotwin_schemas::overlay::ModelOverlay;
 use cardiotwin_schemas::plan::{ResolvedPatient, Workflow};
 use cardiotwin_schemas::record::{PatientRecord, Step1Quality};
-use cardiotwin_schemas::settings::ExecutorSettings;
+use cardiotwin_schemas::settings::{ExecutorSettings, Update};
 use cardiotwin_schemas::sweep::{CellDesign, SweptParameter};
 use cardiotwin_schemas::task::{CellSweepSpec, TaskSpec};
 use serde_json::json;
@@ -114,6 +114,41 @@ async fn the_whole_chain_is_walked_once_and_leaves_record_and_overlay() {
     let (again, submitted) = bench.run().await;
     assert!(again.nothing_to_do() && submitted.is_empty());
     assert_eq!(bench.overlay("P1", "model.toml").version, 1);
+}
+
+#[tokio::test]
+async fn space_mapping_asks_for_a_proposal_before_each_simulation_and_goes_on_after_one_that_fails() {
+    let mut patient = personalised("P1", 8.0);
+    patient.settings.step1.update = Update::SpaceMapping;
+    let bench = Bench::new(vec![patient]);
+    let (summary, submitted) = bench.run().await;
+    assert_eq!(summary.done, 1);
+    let step1 = &submitted[1..submitted.len() - 3];
+    assert!(step1.len() >= 4 && step1.chunks(2).all(|pair| pair == ["step1-proposal", "organ-beat"]), "{step1:?}");
+    let record = bench.patient("P1").await;
+    assert_eq!(record.step1.unwrap().quality, Step1Quality::Converged);
+    let from: Vec<_> =
+        record.iterations.iter().map(|i| i.proposal.as_ref().map(|task| task.result.from_iteration)).collect();
+    assert_eq!(from[..2], [Some(None), Some(Some(1))]);
+    assert!(record.iterations.iter().all(|i| i.parameters == i.proposal.as_ref().unwrap().result.parameters));
+    let steps: Vec<String> =
+        bench.reader().await.explain(&"P1".into()).await.unwrap().into_iter().map(|step| step.step).collect();
+    let begin = ["step-0", "step-1 proposal 1", "step-1 iteration 1", "step-1 proposal 2", "step-1 iteration 2"];
+    assert_eq!(steps[..5], begin);
+    assert!(bench.run().await.0.nothing_to_do());
+
+    // The second simulation diverges: no end, but the scripted proposal is the same again, so nothing is left to try.
+    let mut patient = personalised("P2", 9.0);
+    patient.settings.step1.update = Update::SpaceMapping;
+    let bench = Bench::new(vec![patient]);
+    bench.script(|s| s.diverges_above_kpa = Some(140.0));
+    let (summary, submitted) = bench.run().await;
+    assert_eq!(summary.done, 1, "the chain goes on from the best iteration");
+    let record = bench.patient("P2").await;
+    assert!(record.iterations[1].failure.is_some() && record.iterations.len() == 2, "{submitted:?}");
+    assert_eq!(submitted.iter().filter(|kind| **kind == "step1-proposal").count(), 3);
+    let quality = record.status.step1_quality.unwrap();
+    assert_eq!(quality, "stalled: best iteration 1");
 }
 
 /// Both are done, and the first one's chain still stands: the second is looked at for its own sake.

@@ -13,7 +13,7 @@ use cardiotwin_schemas::organ::{
 };
 use cardiotwin_schemas::outcome::{
     Artefact, CellFitResult, CellSweepResult, Check, Ending, FittedParameter, OrganBeatResult, PassiveStateResult,
-    TargetsResult, TaskOutcome, TaskResult,
+    Step1ProposalResult, TargetsResult, TaskOutcome, TaskResult,
 };
 use cardiotwin_schemas::provenance::Provenance;
 use cardiotwin_schemas::task::TaskSpec;
@@ -148,6 +148,24 @@ impl Script {
                     beat(answer(TRUTH.map(|p| p * 1.01)), !self.fitted_cell_is_shut)
                 }
             },
+            TaskSpec::Step1Proposal(spec) => {
+                // The first is as far off as a guess, each further one halves the logarithms of what is missing.
+                let from = spec.runs.iter().rfind(|run| run.whole_beat).map_or([100.0, 40.0, 110.0, 550.0, 0.01, 0.01], |run| {
+                    run.parameters.updated()
+                });
+                let next = std::array::from_fn(|k| (from[k] * TRUTH[k]).sqrt());
+                let predicted = answer(TRUTH);
+                TaskResult::Step1Proposal(Step1ProposalResult {
+                    parameters: Step1Parameters::default().with_updated(next),
+                    predicted,
+                    predicted_cost: 0.01,
+                    from_iteration: (!spec.runs.is_empty()).then_some(spec.runs.len() as u32),
+                    trust_radius: None,
+                    step: None,
+                    correction: Default::default(),
+                    reduced_beats: 100,
+                })
+            }
             TaskSpec::Targets(_) => {
                 let has_calcium = false;
                 TaskResult::Targets(TargetsResult { lambda_0: 1.0, targets: cell(), n_nodes: 16, has_calcium })

@@ -36,6 +36,9 @@ pub struct Iteration {
     pub outcome: Outcome,
 }
 
+/// Share of a parameter that makes no difference to a simulation.
+const HARDLY: f64 = 1e-4;
+
 /// Everything that was simulated so far.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct History {
@@ -60,6 +63,12 @@ impl History {
     pub fn resumed(mut self) -> Self {
         self.resumed_at = self.iterations.len();
         self
+    }
+
+    /// Whether these parameters, or such as hardly differ, were not simulated yet.
+    #[must_use]
+    pub fn lacks(&self, parameters: &Parameters) -> bool {
+        !self.iterations.iter().any(|i| i.parameters.close_to(parameters, HARDLY))
     }
 
     /// Adds an iteration.
@@ -180,10 +189,28 @@ pub enum FixedPointError {
 /// [`FixedPointError`] when settings, measured biomarkers or the initial parameters make no sense; never because of
 /// what a simulation gave.
 pub fn decide(settings: &Settings, measured: &Biomarkers, history: &History) -> Result<Decision, FixedPointError> {
-    settings.validate()?;
-    validate(measured, history)?;
-    let run = Run { settings, measured, history, costs: costs(measured, history) };
-    Ok(run.decide())
+    Ok(Run::new(settings, measured, history)?.decide())
+}
+
+/// How the loop ends where another rule finds the next parameters, if it ends here: as [`decide`], but a failed simulation
+/// is one that did not help, since that rule can turn back from it.
+///
+/// # Errors
+/// As for [`decide`].
+pub fn ended(
+    settings: &Settings,
+    measured: &Biomarkers,
+    history: &History,
+) -> Result<Option<Decision>, FixedPointError> {
+    Ok(Run::new(settings, measured, history)?.ended(true))
+}
+
+/// How the loop ends where that rule has nothing new to try.
+///
+/// # Errors
+/// As for [`decide`].
+pub fn nothing_new(settings: &Settings, measured: &Biomarkers, history: &History) -> Result<Decision, FixedPointError> {
+    Ok(Run::new(settings, measured, history)?.ending(Quality::Stalled, Ending::NothingNew))
 }
 
 fn costs(measured: &Biomarkers, history: &History) -> Vec<Option<f64>> {
@@ -230,33 +257,51 @@ struct Run<'a> {
     costs: Vec<Option<f64>>,
 }
 
-impl Run<'_> {
+impl<'a> Run<'a> {
+    fn new(
+        settings: &'a Settings,
+        measured: &'a Biomarkers,
+        history: &'a History,
+    ) -> Result<Self, FixedPointError> {
+        settings.validate()?;
+        validate(measured, history)?;
+        Ok(Self { settings, measured, history, costs: costs(measured, history) })
+    }
+
     fn decide(&self) -> Decision {
-        let n = self.history.iterations.len();
-        let resumed_at = self.history.resumed_at;
-        let best = self.best(n);
-        let converged = best.and_then(|b| self.costs[b]).is_some_and(|c| c <= self.settings.tolerance);
-        let ended = |otherwise: Quality, because: Ending| Decision::Ended {
-            quality: if converged { Quality::Converged } else { otherwise },
-            because,
-            best,
-        };
-        if n > resumed_at && self.costs[n - 1].is_none() {
-            return ended(Quality::FailedAt(n - 1), Ending::Failure);
-        }
-        if converged && self.settings.stop == super::Stop::FirstConverged {
-            return ended(Quality::Converged, Ending::Tolerance);
-        }
-        if self.without_improvement() >= self.settings.stagnation_iterations {
-            return ended(Quality::Stalled, Ending::Stagnation);
-        }
-        if n - resumed_at >= self.settings.max_iterations {
-            return ended(Quality::LimitReached, Ending::Limit);
+        if let Some(ended) = self.ended(false) {
+            return ended;
         }
         match self.next() {
             Ok((parameters, from)) => Decision::Next { parameters, from },
-            Err(quality) => ended(quality, Ending::NothingNew),
+            Err(quality) => self.ending(quality, Ending::NothingNew),
         }
+    }
+
+    fn converged(&self) -> bool {
+        let best = self.best(self.history.iterations.len());
+        best.and_then(|b| self.costs[b]).is_some_and(|c| c <= self.settings.tolerance)
+    }
+
+    fn ending(&self, otherwise: Quality, because: Ending) -> Decision {
+        let quality = if self.converged() { Quality::Converged } else { otherwise };
+        Decision::Ended { quality, because, best: self.best(self.history.iterations.len()) }
+    }
+
+    /// Whether the loop is over; `forgiving`: a failed simulation is one that did not help.
+    fn ended(&self, forgiving: bool) -> Option<Decision> {
+        let n = self.history.iterations.len();
+        let resumed_at = self.history.resumed_at;
+        if !forgiving && n > resumed_at && self.costs[n - 1].is_none() {
+            return Some(self.ending(Quality::FailedAt(n - 1), Ending::Failure));
+        }
+        if self.converged() && self.settings.stop == super::Stop::FirstConverged {
+            return Some(self.ending(Quality::Converged, Ending::Tolerance));
+        }
+        if self.without_improvement(forgiving) >= self.settings.stagnation_iterations {
+            return Some(self.ending(Quality::Stalled, Ending::Stagnation));
+        }
+        (n - resumed_at >= self.settings.max_iterations).then(|| self.ending(Quality::LimitReached, Ending::Limit))
     }
 
     /// The iteration of lowest cost among the first `n` that lies within the bounds, the first one of equals.
@@ -277,13 +322,16 @@ impl Run<'_> {
     }
 
     /// How many iterations at the end did not lower the best cost by the asked fraction.
-    fn without_improvement(&self) -> usize {
+    fn without_improvement(&self, forgiving: bool) -> usize {
         let resumed_at = self.history.resumed_at;
         let mut best = self.best(resumed_at).and_then(|b| self.costs[b]);
         let mut is_whole = best.is_some();
         let mut in_a_row = 0;
         for (i, cost) in self.costs.iter().enumerate().skip(resumed_at) {
-            let Some(cost) = *cost else { continue };
+            let Some(cost) = *cost else {
+                in_a_row += usize::from(forgiving);
+                continue;
+            };
             // The first whole beat is a gain whatever it costs.
             if self.is_whole(i) && !is_whole {
                 (is_whole, best) = (true, None);

@@ -150,7 +150,13 @@ impl Parameters {
     /// Whether both would be the same simulation: every value equal to nine digits.
     #[must_use]
     pub fn same_as(&self, other: &Self) -> bool {
-        PARAMETERS.into_iter().all(|p| (self.get(p) - other.get(p)).abs() <= 1e-9 * self.get(p).abs())
+        self.close_to(other, 1e-9)
+    }
+
+    /// Whether every value is equal up to this share of it.
+    #[must_use]
+    pub fn close_to(&self, other: &Self, share: f64) -> bool {
+        PARAMETERS.into_iter().all(|p| (self.get(p) - other.get(p)).abs() <= share * self.get(p).abs())
     }
 }
 

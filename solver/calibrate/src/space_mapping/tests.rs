@@ -1,0 +1,206 @@
+use super::trust::radius;
+use super::*;
+use crate::fixed_point::{Biomarker, Biomarkers, Bounds, Cost, Outcome, PARAMETERS, Parameter, Parameters, Settings};
+use proptest::prelude::*;
+
+const MEASURED: [f64; 6] = [120.0, 2.0, -1.8, 330.0, 80.0, 50.0];
+
+fn biomarkers(values: [f64; 6]) -> Biomarkers {
+    let mut found = Biomarkers::default();
+    Biomarker::ALL.into_iter().zip(values).for_each(|(biomarker, value)| found.set(biomarker, Some(value)));
+    found
+}
+
+/// A heart whose biomarkers are powers of all parameters; `rows` are the exponents, `scale` what it has at the guess.
+fn heart(p: &Parameters, scale: [f64; 6], rows: [[f64; 6]; 6]) -> Biomarkers {
+    let guess = Parameters::default();
+    let x = PARAMETERS.map(|q| (p.get(q) / guess.get(q)).ln());
+    let value = |j: usize| scale[j] * rows[j].iter().zip(x).map(|(e, x)| e * x).sum::<f64>().exp();
+    biomarkers(std::array::from_fn(value))
+}
+
+const SCALE: [f64; 6] = [95.0, 1.4, -1.1, 380.0, 60.0, 90.0];
+/// Mostly each biomarker by its own parameter.
+const ROWS: [[f64; 6]; 6] = [
+    [0.6, -0.1, 0.0, 0.1, 0.2, 0.0],
+    [0.5, -0.7, 0.0, 0.0, 0.0, 0.0],
+    [0.4, 0.0, -0.6, 0.1, 0.0, 0.0],
+    [0.0, 0.0, -0.1, 0.8, 0.0, 0.0],
+    [-0.2, 0.0, 0.0, 0.2, 0.5, 0.0],
+    [-0.1, 0.0, 0.2, 0.0, 0.0, 0.6],
+];
+
+fn cheap(p: &Parameters) -> Outcome {
+    Outcome::Simulated(heart(p, SCALE, ROWS))
+}
+
+/// Stronger, steeper, and coupled otherwise than the cheap one.
+fn expensive(p: &Parameters) -> Outcome {
+    let scale = [70.0, 1.0, -0.9, 420.0, 75.0, 70.0];
+    let mut rows = ROWS;
+    (rows[0][0], rows[1][0], rows[3][2], rows[4][0]) = (0.75, 0.65, -0.2, -0.35);
+    Outcome::Simulated(heart(p, scale, rows))
+}
+
+/// Proposes and simulates `n` times.
+fn run(n: usize, settings: &Settings, simulate: &dyn Fn(usize, &Parameters) -> Outcome) -> (Vec<Run>, Vec<Proposal>) {
+    let (mut runs, mut proposals) = (Vec::new(), Vec::new());
+    let (measured, initial) = (biomarkers(MEASURED), Parameters::default());
+    for i in 0..n {
+        let problem = Problem { measured: &measured, runs: &runs, initial: &initial, settings, seed: 1 };
+        let Some(proposal) = propose(&problem, &cheap) else { break };
+        let outcome = simulate(i, &proposal.parameters);
+        runs.push(Run { parameters: proposal.parameters, outcome, predicted_cost: Some(proposal.cost) });
+        proposals.push(proposal);
+    }
+    (runs, proposals)
+}
+
+fn cost(run: &Run) -> f64 {
+    match run.outcome {
+        Outcome::Simulated(found) => Cost::of(&biomarkers(MEASURED), &found).total,
+        _ => f64::INFINITY,
+    }
+}
+
+#[test]
+fn the_cheap_model_itself_is_solved_at_once() {
+    let (runs, proposals) = run(2, &Settings::default(), &|_, p| cheap(p));
+    assert!(cost(&runs[0]) < 1e-3, "{proposals:?}");
+    assert!((proposals[0].cost - cost(&runs[0])).abs() < 1e-9);
+    assert_eq!((proposals[0].base, proposals[1].base), (None, Some(0)));
+}
+
+#[test]
+fn another_model_is_solved_in_a_few_runs_and_the_correction_is_exact_at_its_base() {
+    let (runs, proposals) = run(5, &Settings::default(), &|_, p| expensive(p));
+    let costs: Vec<f64> = runs.iter().map(cost).collect();
+    assert!(costs[0] > 0.05 && costs[1] < 0.02 && costs[2] < costs[1] && costs[4] < 1e-3, "{costs:?}");
+    // Slopes from all runs: what was predicted comes to hold.
+    assert!((proposals[4].cost - costs[4]).abs() < 1e-3, "{costs:?} {:?}", proposals[4]);
+    let Outcome::Simulated(found) = runs[0].outcome else { panic!() };
+    let Outcome::Simulated(reduced) = cheap(&runs[0].parameters) else { panic!() };
+    for (biomarker, factor) in &proposals[1].correction {
+        let product = factor * reduced.get(*biomarker).unwrap();
+        assert!((product / found.get(*biomarker).unwrap() - 1.0).abs() < 1e-12, "{biomarker}");
+    }
+}
+
+#[test]
+fn frozen_parameters_and_what_nothing_was_measured_of_stay() {
+    let settings = Settings { frozen: [Parameter::TCr].into(), ..Settings::default() };
+    let initial = Parameters { t_cr_ms: 480.0, r_mv_f_mmhg_s_per_ml: 0.02, ..Parameters::default() };
+    let mut measured = biomarkers(MEASURED);
+    measured.set(Biomarker::TauVr, None);
+    let problem = Problem { measured: &measured, runs: &[], initial: &initial, settings: &settings, seed: 1 };
+    let parameters = propose(&problem, &cheap).unwrap().parameters;
+    assert_eq!((parameters.t_cr_ms, parameters.r_mv_f_mmhg_s_per_ml), (480.0, 0.02));
+    assert_ne!(parameters.smax_ref_kpa, initial.smax_ref_kpa);
+}
+
+#[test]
+fn a_run_that_diverges_shortens_the_step_and_is_never_the_base() {
+    let fails = |i: usize, p: &Parameters| if i == 1 { Outcome::Failed } else { expensive(p) };
+    let (runs, proposals) = run(4, &Settings::default(), &fails);
+    let (long, short) = (proposals[1].step.unwrap(), proposals[2].radius.unwrap());
+    assert!((short / (0.25 * long) - 1.0).abs() < 1e-9, "{short} after {long}");
+    assert_eq!((proposals[2].base, proposals[3].base), (Some(0), Some(2)));
+    assert!(cost(&runs[3]) < cost(&runs[0]));
+}
+
+#[test]
+fn if_nothing_runs_the_initial_guess_is_next_and_in_the_end_there_is_nothing_left() {
+    let (runs, proposals) = run(9, &Settings::default(), &|_, _| Outcome::Failed);
+    assert_eq!(runs.len(), 5);
+    assert!(runs[1].parameters.close_to(&Parameters::default(), 1e-12));
+    assert!(proposals.iter().all(|p| p.base.is_none()));
+    for i in 0..5 {
+        for j in 0..i {
+            assert!(!runs[i].parameters.close_to(&runs[j].parameters, 1e-6), "{i} repeats {j}");
+        }
+    }
+}
+
+/// The aortic valve opens once the pressure passes that of the aorta.
+fn shut_below(p: &Parameters, pressure: f64) -> Outcome {
+    let Outcome::Simulated(found) = expensive(p) else { panic!() };
+    if found.p_max_mmhg.unwrap() >= pressure {
+        return Outcome::Simulated(found);
+    }
+    Outcome::NoWholeBeat(Biomarkers { tau_vd_ms: None, tau_vr_ms: None, ..found })
+}
+
+#[test]
+fn a_beat_whose_valves_stay_shut_leads_on_by_its_pressure() {
+    let (runs, proposals) = run(4, &Settings::default(), &|_, p| shut_below(p, 100.0));
+    assert!(matches!(runs[0].outcome, Outcome::NoWholeBeat(_)), "{:?}", runs[0]);
+    assert!(matches!(runs[1].outcome, Outcome::Simulated(_)), "{:?}", runs[1]);
+    assert_eq!((proposals[1].base, proposals[2].base), (Some(0), Some(1)));
+    assert!(cost(&runs[3]) < 0.1, "{}", cost(&runs[3]));
+}
+
+#[test]
+fn the_radius_follows_what_predictions_were_worth() {
+    let at = |x: f64, outcome, predicted_cost| {
+        let mut parameters = Parameters::default();
+        parameters.set(Parameter::SmaxRef, 100.0 * x.exp());
+        (Run { parameters, outcome, predicted_cost }, vec![x])
+    };
+    let whole = Outcome::Simulated(Biomarkers::default());
+    let after = |predicted: Option<f64>, outcome: Outcome, found: Option<f64>| {
+        let (runs, x): (Vec<Run>, Vec<Vec<f64>>) = [at(0.0, whole, None), at(0.8, outcome, predicted)].into_iter().unzip();
+        let costs = [Some(1.0), found];
+        radius(&runs, &x, &costs, &|i| matches!(runs[i].outcome, Outcome::Simulated(_)))
+    };
+    assert_eq!(after(Some(0.2), whole, Some(0.25)), 1.6, "kept its promise");
+    assert_eq!(after(Some(0.2), whole, Some(0.6)), FIRST_RADIUS, "kept half of it");
+    assert_eq!(after(Some(0.2), whole, Some(0.9)), 0.4, "gained little");
+    assert_eq!(after(Some(0.2), whole, Some(3.0)), 0.4, "lost");
+    assert_eq!(after(Some(0.2), Outcome::Failed, None), 0.2);
+    assert_eq!(after(None, whole, Some(3.0)), FIRST_RADIUS, "nothing had been promised");
+    assert_eq!(after(Some(0.2), Outcome::NoWholeBeat(Biomarkers::default()), Some(0.9)), 0.2, "a whole beat was lost");
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(24))]
+
+    /// Whatever comes back: parameters within the bounds, numbers that are numbers, the best run as the base, and alike
+    /// for the same history.
+    #[test]
+    fn proposals_make_sense_whatever_comes_back(
+        answers in prop::collection::vec((0u8..4, prop::array::uniform6(0.3f64..3.0)), 1..5),
+        narrow in any::<bool>(),
+    ) {
+        let mut settings = Settings::default();
+        if narrow {
+            settings.bounds.insert(Parameter::SmaxRef, Bounds { lower: 90.0, upper: 110.0 });
+            settings.bounds.insert(Parameter::TauSd, Bounds { lower: 400.0, upper: 500.0 });
+        }
+        let simulate = |i: usize, p: &Parameters| {
+            let (kind, factors) = answers[i];
+            let mut found = heart(p, SCALE, ROWS);
+            for (biomarker, factor) in Biomarker::ALL.into_iter().zip(factors) {
+                found.set(biomarker, found.get(biomarker).map(|value| value * factor));
+            }
+            match kind {
+                0 => Outcome::Failed,
+                1 => Outcome::NoWholeBeat(Biomarkers { tau_vd_ms: None, tau_vr_ms: None, ..found }),
+                _ => Outcome::Simulated(found),
+            }
+        };
+        let (runs, proposals) = run(answers.len(), &settings, &simulate);
+        prop_assert_eq!(runs.len(), answers.len());
+        for (i, proposal) in proposals.iter().enumerate() {
+            prop_assert!(proposal.cost.is_finite());
+            // A fallback to the initial guess is cut to the bounds, too.
+            prop_assert!(settings.admits(&proposal.parameters), "{:?}", proposal.parameters);
+            if let (Some(step), Some(radius), false) = (proposal.step, proposal.radius, narrow) {
+                prop_assert!(step <= radius + 1e-9, "{step} > {radius}");
+            }
+            let whole = (0..i).filter(|j| matches!(runs[*j].outcome, Outcome::Simulated(_)));
+            let best = whole.min_by(|a, b| cost(&runs[*a]).total_cmp(&cost(&runs[*b])));
+            prop_assert!(best.is_none() || proposal.base == best);
+        }
+        prop_assert_eq!(run(answers.len(), &settings, &simulate).1, proposals);
+    }
+}

@@ -4,7 +4,7 @@ use super::Run;
 use crate::fixed_point::Outcome;
 
 /// Largest change of a parameter's logarithm in the first corrected step: the correction then rests on one run.
-pub const FIRST_RADIUS: f64 = 1.0;
+pub const FIRST_RADIUS: f64 = 2.0;
 /// Smallest and largest radius.
 const RANGE: [f64; 2] = [0.02, 2.0];
 /// A step that gains less than this share of what was predicted was too long …
@@ -31,7 +31,8 @@ pub(super) fn radius(runs: &[Run], x: &[Vec<f64>], costs: &[Option<f64>], is_who
             (Outcome::Simulated(_), Some(_)) if !is_whole(base) => FIRST_RADIUS,
             (Outcome::NoWholeBeat(_), Some(_)) if !is_whole(base) => radius,
             (Outcome::Simulated(_), Some(cost)) => {
-                let predicted = runs[last].predicted_cost.unwrap_or(0.0);
+                // A run that nobody predicted says nothing of predictions.
+                let Some(predicted) = runs[last].predicted_cost else { continue };
                 let share = (before - cost) / (before - predicted).max(1e-9 * before).max(f64::MIN_POSITIVE);
                 if share < POOR {
                     0.5 * length
