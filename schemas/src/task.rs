@@ -12,8 +12,8 @@ use crate::finite_element::{AnatomySpec, EquationSettings};
 use crate::hash::{canonical_json, sha256_hex};
 use crate::ids::{AttemptId, TaskKey};
 use crate::organ::{
-    BeatCount, CirculationSpec, ContractionSpec, EffectSpec, OneFibrePassive, OrganSpec, Step1Parameters, ValveParameters,
-    WindkesselParameters,
+    BeatCount, CirculationSpec, ContractionSpec, EffectSpec, OneFibrePassive, OrganSpec, Step1Parameters,
+    ValveParameters, WindkesselParameters,
 };
 use crate::settings::{ActivationSettings, CellFitSettings, InstructionSet, StartMode};
 use crate::sweep::CellDesign;

@@ -385,6 +385,7 @@ fn finished(folder: &Folder, printed: &Printed, id: &str) -> PatientRecord {
         iterations.push(IterationRecord {
             number: k,
             parameters: parameters(values),
+            proposal: None,
             run: Some(folder.record(&format!("iteration {k}"), id, &[("traces", traces)], 0.0031, None, result)),
             failure: None,
             cost: Some(cost(&found, &printed.clinical) + if stalled { 0.09 } else { 0.0 }),
@@ -397,6 +398,7 @@ fn finished(folder: &Folder, printed: &Printed, id: &str) -> PatientRecord {
         iterations.push(IterationRecord {
             number: printed.iterations + 1,
             parameters: parameters(values),
+            proposal: None,
             run: None,
             failure: Some(Failure::new(FailureClass::Numerics, "the beat diverged at t = 43 ms: volume below zero")),
             cost: None,

@@ -274,7 +274,9 @@ impl TaskError {
             }
             Self::FiniteElement(error) => error.remedy(),
             Self::NoMedian { .. } | Self::SimulatedTrace(_) => None,
-            Self::NoProposal(_) => Some("rerun from step1 with other initial values, bounds or update = \"fixed-point\""),
+            Self::NoProposal(_) => {
+                Some("rerun from step1 with other initial values, bounds or update = \"fixed-point\"")
+            }
             Self::NoBounds { .. } => Some("give it bounds in [step2.bounds]"),
             Self::UnknownWeight { .. } => Some("correct [step2.weights]"),
             Self::NoCell => Some("move the bounds in [step2.bounds] towards Table A5's"),

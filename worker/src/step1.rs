@@ -1,7 +1,7 @@
 //! Between the schemas' step 1 and calibrate's: names and units agree, only the types differ.
 
-use cardiotwin_calibrate::fixed_point::{Bounds, Outcome, PARAMETERS, Parameter, Parameters};
 use cardiotwin_calibrate::fixed_point::{Biomarkers as Calibrated, Settings};
+use cardiotwin_calibrate::fixed_point::{Bounds, Outcome, PARAMETERS, Parameter, Parameters};
 use cardiotwin_schemas::biomarkers::Biomarkers;
 use cardiotwin_schemas::organ::Step1Parameters;
 use cardiotwin_schemas::outcome::OrganBeatResult;

@@ -13,8 +13,8 @@ use super::EngineError;
 use super::step2::cell_parameters;
 use super::workflow::Settled;
 use super::world::World;
-use crate::machine::patient::Stage;
 use crate::clock;
+use crate::machine::patient::Stage;
 use crate::machine::patient::Step;
 
 /// What is learned about a patient so far, without version and time; `None` before step 0.

@@ -34,7 +34,8 @@ impl World {
         if let Ok(plan) = self.plan(i)
             && plan.workflow == Workflow::Personalise
         {
-            let running = state.step().filter(|s| matches!(s.stage, Stage::Step1 | Stage::Step1Proposal)).map_or(0, |s| s.number);
+            let running =
+                state.step().filter(|s| matches!(s.stage, Stage::Step1 | Stage::Step1Proposal)).map_or(0, |s| s.number);
             shown.iteration = Some(running.max(chain.iterations.len() as u32));
             shown.max_iterations = Some(patient.carried.len() as u32 + plan.settings.step1.max_iterations);
         }

@@ -70,7 +70,8 @@ impl Chain {
     /// Every settled task with its place.
     pub fn steps(&self) -> impl Iterator<Item = (Step, &TaskKey)> {
         let iterations = self.iterations.iter().map(|i| &i.task);
-        let proposals = self.proposals.iter().map(|p| (Step { stage: Stage::Step1Proposal, number: p.iteration }, &p.task));
+        let proposals =
+            self.proposals.iter().map(|p| (Step { stage: Stage::Step1Proposal, number: p.iteration }, &p.task));
         let mut steps: Vec<(Step, &TaskKey)> = [Stage::Step0]
             .into_iter()
             .zip(&self.step0)

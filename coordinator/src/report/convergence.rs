@@ -71,7 +71,12 @@ pub fn cost(patient: &PatientRecord) -> Option<Chart> {
     let label = SvgText::from(format!("converged at {}", significant(tolerance, 1)).as_str());
     chart.marks.push(Mark::Across { y: tolerance, class: "level", label: Some((label, 14.0)) });
     if !predicted.is_empty() {
-        chart.series.push(Series { class: "mean", name: "predicted by its proposal".into(), points: predicted, dots: false });
+        chart.series.push(Series {
+            class: "mean",
+            name: "predicted by its proposal".into(),
+            points: predicted,
+            dots: true,
+        });
     }
     chart.series.push(Series { class: "measured", name: "cost".into(), points, dots: true });
     mark_iterations(&mut chart, patient, |i| i.cost);

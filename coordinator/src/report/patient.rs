@@ -231,7 +231,7 @@ fn step1(patient: &PatientRecord) -> Markup {
                 "Each simulation's parameters relative to the first guess, on one logarithmic axis; the band marks the iterate that was taken"
                 @if patient.iterations.iter().any(|i| i.failure.is_some()) { ", × a simulation that failed" } "."
                 @if patient.iterations.iter().any(|i| i.proposal.is_some()) {
-                    " The one-fibre ventricle, corrected to the simulations before, proposed them; the line without dots is the cost that it predicted."
+                    " The one-fibre ventricle, corrected to the simulations before, proposed them; the grey line is the cost that it predicted."
                 }
             }
             div.figures.small {

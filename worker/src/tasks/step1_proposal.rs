@@ -15,6 +15,10 @@ use crate::context::Context;
 use crate::error::TaskError;
 use crate::step1;
 
+/// Biomarkers of a finite-element beat over those of the one-fibre ventricle that stands for it, in the order of a cost's
+/// terms: medians of the seven bundled patients (docs/step1.md).
+const IN_THREE_DIMENSIONS: [f64; 6] = [0.75, 0.70, 1.24, 1.08, 1.05, 0.46];
+
 /// Proposes.
 ///
 /// # Errors
@@ -26,6 +30,10 @@ pub fn run(spec: &Step1ProposalSpec, context: &mut Context) -> Result<TaskResult
     };
     let start = Step1Parameters { tanh, valves: spec.beat.valves };
     let (passive, activation) = one_fibre(&spec.beat.organ)?;
+    let expected = match spec.beat.organ {
+        OrganSpec::Reduced { .. } => [1.0; 6],
+        OrganSpec::FiniteElement(_) => IN_THREE_DIMENSIONS,
+    };
     // Refused once and for all: an effect that cannot act, a parameter outside the models.
     reduced(&spec.beat, &passive, &activation)?;
     let cheap = |p: &Parameters| match reduced_beat(&with(&spec.beat, &step1::with(&start, p)), &passive, &activation) {
@@ -45,12 +53,13 @@ pub fn run(spec: &Step1ProposalSpec, context: &mut Context) -> Result<TaskResult
             runs: &runs,
             initial: &step1::parameters(&start),
             settings: &step1::limits(&spec.bounds, &spec.frozen),
+            expected,
             seed: spec.seed,
         },
         &cheap,
     );
-    let Proposal { parameters, biomarkers, cost, base, radius, step, correction, cheap_beats } =
-        proposal.ok_or(TaskError::NoProposal("no simulation of step 1 ended, nor does a beat of the one-fibre ventricle"))?;
+    let Proposal { parameters, biomarkers, cost, base, radius, step, correction, cheap_beats } = proposal
+        .ok_or(TaskError::NoProposal("no simulation of step 1 ended, nor does a beat of the one-fibre ventricle"))?;
     Ok(TaskResult::Step1Proposal(Step1ProposalResult {
         parameters: step1::with(&start, &parameters),
         predicted: step1::to_schema(&biomarkers),

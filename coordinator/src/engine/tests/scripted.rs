@@ -150,9 +150,11 @@ impl Script {
             },
             TaskSpec::Step1Proposal(spec) => {
                 // The first is as far off as a guess, each further one halves the logarithms of what is missing.
-                let from = spec.runs.iter().rfind(|run| run.whole_beat).map_or([100.0, 40.0, 110.0, 550.0, 0.01, 0.01], |run| {
-                    run.parameters.updated()
-                });
+                let from = spec
+                    .runs
+                    .iter()
+                    .rfind(|run| run.whole_beat)
+                    .map_or([100.0, 40.0, 110.0, 550.0, 0.01, 0.01], |run| run.parameters.updated());
                 let next = std::array::from_fn(|k| (from[k] * TRUTH[k]).sqrt());
                 let predicted = answer(TRUTH);
                 TaskResult::Step1Proposal(Step1ProposalResult {

@@ -258,11 +258,7 @@ struct Run<'a> {
 }
 
 impl<'a> Run<'a> {
-    fn new(
-        settings: &'a Settings,
-        measured: &'a Biomarkers,
-        history: &'a History,
-    ) -> Result<Self, FixedPointError> {
+    fn new(settings: &'a Settings, measured: &'a Biomarkers, history: &'a History) -> Result<Self, FixedPointError> {
         settings.validate()?;
         validate(measured, history)?;
         Ok(Self { settings, measured, history, costs: costs(measured, history) })

@@ -11,7 +11,9 @@ mod parameters;
 mod settings;
 
 pub use cost::{Biomarker, Biomarkers, Cost, Term};
-pub use decision::{Decision, Ending, FixedPointError, History, Iteration, Outcome, Quality, decide, ended, nothing_new};
+pub use decision::{
+    Decision, Ending, FixedPointError, History, Iteration, Outcome, Quality, decide, ended, nothing_new,
+};
 pub use parameters::{Bounds, Group, PARAMETERS, Parameter, Parameters};
 pub use settings::{Damping, Settings, Stop};
 

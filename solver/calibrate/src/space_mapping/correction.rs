@@ -26,13 +26,13 @@ pub(super) struct Correction {
 }
 
 impl Correction {
-    /// None yet: factors of one.
-    pub(super) fn none(n_parameters: usize) -> Self {
-        Self { base: vec![0.0; n_parameters], at_base: [0.0; N], slopes: vec![DVector::zeros(n_parameters); N] }
+    /// Before any run: what is expected of one, as logarithms.
+    pub(super) fn expected(n_parameters: usize, expected: [f64; N]) -> Self {
+        Self { base: vec![0.0; n_parameters], at_base: expected, slopes: vec![DVector::zeros(n_parameters); N] }
     }
 
-    /// From the runs' logarithms of parameters and of factors; `base` is exact.
-    pub(super) fn of(base: usize, runs: &[(Vec<f64>, [Option<f64>; N])]) -> Self {
+    /// From the runs' logarithms of parameters and of factors; `base` is exact, what it lacks is as expected.
+    pub(super) fn of(base: usize, runs: &[(Vec<f64>, [Option<f64>; N])], expected: [f64; N]) -> Self {
         let (x_b, d_b) = &runs[base];
         let n = x_b.len();
         let slope = |j: usize| {
@@ -53,7 +53,8 @@ impl Correction {
             others.iter().zip(weights.iter()).fold(DVector::zeros(n), |sum, ((step, _), weight)| sum + step * *weight)
         };
         let slopes = (0..N).map(slope).collect();
-        Self { base: x_b.clone(), at_base: d_b.map(|d| d.unwrap_or(0.0)), slopes }
+        let at_base = std::array::from_fn(|j| d_b[j].unwrap_or(expected[j]));
+        Self { base: x_b.clone(), at_base, slopes }
     }
 
     /// The cheap model's biomarkers at `x`, corrected.

@@ -36,6 +36,8 @@ pub struct Problem<'a> {
     pub initial: &'a Parameters,
     /// Bounds and frozen parameters.
     pub settings: &'a Settings,
+    /// Factors of the cheap model's biomarkers that are expected before any run, in the order of [`Biomarker::ALL`].
+    pub expected: [f64; 6],
     /// For the points from which searches start.
     pub seed: u64,
 }
@@ -77,7 +79,7 @@ pub fn plausible(parameter: Parameter) -> Bounds {
 
 /// What to simulate next: a pure function, if `cheap` is one. None when nothing is left to try.
 ///
-/// Before the first run the cheap model's own optimum; then that of the cheap model times the correction, which makes it
+/// Before the first run the optimum of the cheap model times what is expected; then that of the cheap model times the correction, which makes it
 /// exact at the best run, within the trust region around that. A run without a whole beat leads on until there is a whole
 /// one, by the biomarkers that it has; one that failed shortens the step. Where no run is of use, the initial guess is next.
 pub fn propose(problem: &Problem<'_>, cheap: &dyn Fn(&Parameters) -> Outcome) -> Option<Proposal> {
@@ -121,6 +123,10 @@ impl<'a> Search<'a> {
             cheap,
             moving,
         }
+    }
+
+    fn expected(&self) -> [f64; super::correction::N] {
+        self.problem.expected.map(f64::ln)
     }
 
     fn is_whole(&self, run: usize) -> bool {
@@ -206,8 +212,8 @@ impl<'a> Search<'a> {
         let intervals = self.intervals(None);
         let initial = logarithms_of(&self.moving, self.problem.initial);
         let start: Vec<f64> = initial.iter().zip(&intervals).map(|(x, i)| i.clamp(*x)).collect();
-        let none = Correction::none(self.moving.len());
-        self.best(&none, (&start, NEARNESS_AT_FIRST), &intervals, std::slice::from_ref(&start))
+        let correction = Correction::expected(self.moving.len(), self.expected());
+        self.best(&correction, (&start, NEARNESS_AT_FIRST), &intervals, std::slice::from_ref(&start))
     }
 
     fn corrected(&self, base: usize) -> Option<Proposal> {
@@ -227,7 +233,7 @@ impl<'a> Search<'a> {
         };
         let all: Vec<_> = used.iter().map(|i| factors(*i)).collect();
         let position = used.iter().position(|i| *i == base)?;
-        let correction = Correction::of(position, &all);
+        let correction = Correction::of(position, &all, self.expected());
         let intervals = self.intervals(Some((centre, radius)));
         let start: Vec<f64> = centre.iter().zip(&intervals).map(|(x, i)| i.clamp(*x)).collect();
         let mut proposal = self.best(&correction, (centre, NEARNESS), &intervals, &[start])?;

@@ -47,7 +47,8 @@ fn run(n: usize, settings: &Settings, simulate: &dyn Fn(usize, &Parameters) -> O
     let (mut runs, mut proposals) = (Vec::new(), Vec::new());
     let (measured, initial) = (biomarkers(MEASURED), Parameters::default());
     for i in 0..n {
-        let problem = Problem { measured: &measured, runs: &runs, initial: &initial, settings, seed: 1 };
+        let problem =
+            Problem { measured: &measured, runs: &runs, initial: &initial, settings, expected: [1.0; 6], seed: 1 };
         let Some(proposal) = propose(&problem, &cheap) else { break };
         let outcome = simulate(i, &proposal.parameters);
         runs.push(Run { parameters: proposal.parameters, outcome, predicted_cost: Some(proposal.cost) });
@@ -92,10 +93,24 @@ fn frozen_parameters_and_what_nothing_was_measured_of_stay() {
     let initial = Parameters { t_cr_ms: 480.0, r_mv_f_mmhg_s_per_ml: 0.02, ..Parameters::default() };
     let mut measured = biomarkers(MEASURED);
     measured.set(Biomarker::TauVr, None);
-    let problem = Problem { measured: &measured, runs: &[], initial: &initial, settings: &settings, seed: 1 };
+    let problem =
+        Problem { measured: &measured, runs: &[], initial: &initial, settings: &settings, expected: [1.0; 6], seed: 1 };
     let parameters = propose(&problem, &cheap).unwrap().parameters;
     assert_eq!((parameters.t_cr_ms, parameters.r_mv_f_mmhg_s_per_ml), (480.0, 0.02));
     assert_ne!(parameters.smax_ref_kpa, initial.smax_ref_kpa);
+}
+
+#[test]
+fn what_is_expected_of_the_expensive_model_counts_before_the_first_run() {
+    let (measured, initial, settings) = (biomarkers(MEASURED), Parameters::default(), Settings::default());
+    let expected = [0.8, 0.7, 1.2, 1.1, 1.0, 0.6];
+    let problem = Problem { measured: &measured, runs: &[], initial: &initial, settings: &settings, expected, seed: 1 };
+    let parameters = propose(&problem, &cheap).unwrap().parameters;
+    let mut found = heart(&parameters, SCALE, ROWS);
+    for (biomarker, factor) in Biomarker::ALL.into_iter().zip(expected) {
+        found.set(biomarker, found.get(biomarker).map(|value| value * factor));
+    }
+    assert!(Cost::of(&measured, &found).total < 1e-3, "{found:?}");
 }
 
 #[test]
@@ -148,7 +163,8 @@ fn the_radius_follows_what_predictions_were_worth() {
     };
     let whole = Outcome::Simulated(Biomarkers::default());
     let after = |predicted: Option<f64>, outcome: Outcome, found: Option<f64>| {
-        let (runs, x): (Vec<Run>, Vec<Vec<f64>>) = [at(0.0, whole, None), at(0.8, outcome, predicted)].into_iter().unzip();
+        let (runs, x): (Vec<Run>, Vec<Vec<f64>>) =
+            [at(0.0, whole, None), at(0.8, outcome, predicted)].into_iter().unzip();
         let costs = [Some(1.0), found];
         radius(&runs, &x, &costs, &|i| matches!(runs[i].outcome, Outcome::Simulated(_)))
     };

@@ -4,7 +4,7 @@ use super::Run;
 use crate::fixed_point::Outcome;
 
 /// Largest change of a parameter's logarithm in the first corrected step: the correction then rests on one run.
-pub const FIRST_RADIUS: f64 = 2.0;
+pub const FIRST_RADIUS: f64 = 1.0;
 /// Smallest and largest radius.
 const RANGE: [f64; 2] = [0.02, 2.0];
 /// A step that gains less than this share of what was predicted was too long …
@@ -20,10 +20,7 @@ pub(super) fn radius(runs: &[Run], x: &[Vec<f64>], costs: &[Option<f64>], is_who
     let mut radius = FIRST_RADIUS;
     for last in 1..runs.len() {
         let best = |admits: &dyn Fn(usize) -> bool| {
-            (0..last)
-                .filter(|i| admits(*i))
-                .filter_map(|i| Some((i, costs[i]?)))
-                .min_by(|a, b| a.1.total_cmp(&b.1))
+            (0..last).filter(|i| admits(*i)).filter_map(|i| Some((i, costs[i]?))).min_by(|a, b| a.1.total_cmp(&b.1))
         };
         let Some((base, before)) = best(is_whole).or_else(|| best(&|_| true)) else { continue };
         let length = x[last].iter().zip(&x[base]).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
