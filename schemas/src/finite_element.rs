@@ -39,7 +39,7 @@ pub enum LinearSolver {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct WallSettings {
-    /// Guccione's C with which the search for the patient's begins: rather stiff, since softer laws are harder to unload.
+    /// Guccione's C with which the search for the patient's begins.
     #[serde(rename = "guccione_C_kPa")]
     pub guccione_c_kpa: f64,
     /// Exponent along the fibre.
@@ -76,7 +76,7 @@ pub struct WallSettings {
 impl Default for WallSettings {
     fn default() -> Self {
         Self {
-            guccione_c_kpa: 5.0,
+            guccione_c_kpa: 0.42,
             b_f: 18.48,
             b_t: 3.58,
             b_fs: 1.627,
@@ -86,7 +86,7 @@ impl Default for WallSettings {
             density_g_per_mm3: 1.06e-3,
             mass_damping_per_ms: 0.1,
             stiffness_damping_ms: 0.1,
-            epicardial_spring_kpa_per_mm: 1.0,
+            epicardial_spring_kpa_per_mm: 0.1,
             rim_spring_kpa_per_mm: 1.0,
             spectral_radius: 0.0,
         }

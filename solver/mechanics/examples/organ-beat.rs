@@ -5,7 +5,7 @@
 use std::time::Instant;
 
 use cardiotwin_mechanics::newton::LinearSolver;
-use cardiotwin_mechanics::organ::passive_state::fit;
+use cardiotwin_mechanics::organ::passive_fit::fit;
 use cardiotwin_mechanics::organ::{
     Anatomy, ElementKind, FiniteElementVentricle, PassiveFit, PassiveState, UnloadingSettings, VentricleParts,
     WallParameters,
@@ -40,7 +40,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         _ => LinearSolver::BlockJacobi,
     };
     let begun = Instant::now();
-    let (cavity, edv, p_image, edp) = (112.0, argument("edv", 122.0), 6.0, 12.0);
+    let (cavity, edv, p_image, edp) = (112.0, argument("edv", 126.0), 6.0, 9.0);
     let made = generate(&EllipsoidSpec::new(Ml(cavity), Ml(140.0), argument("nodes", 2000)))?;
     let mut mesh = Renumbering::reverse_cuthill_mckee(&made.mesh).apply(&made.mesh);
     let muscle = [tags::LEFT_VENTRICLE];
@@ -62,10 +62,12 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         begun.elapsed().as_secs_f64()
     );
     let begun = Instant::now();
-    let target = PassiveFit::EndDiastole {
+    let target = PassiveFit::ThreePoints {
         image_pressure_kpa: p_image / MMHG_PER_KPA,
         end_diastolic_pressure_kpa: edp / MMHG_PER_KPA,
         end_diastolic_volume_mm3: 1e3 * edv,
+        // Klotz 2006.
+        unloaded_volume_mm3: 1e3 * edv * (0.6 - 0.006 * edp),
     };
     if std::env::args().any(|a| a == "probe") {
         let settings = UnloadingSettings::default();
@@ -94,8 +96,9 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     }
     let (end_diastole, wall) = fit(&anatomy, &WallParameters::default(), &target, &UnloadingSettings::default())?;
     println!(
-        "step 0: C {:.4} kPa, unloaded {:.2} mL, end-diastole {:.2} mL; {} Newton iterations, {} passes, {:.1} s",
+        "step 0: C {:.4} kPa, b_f {:.3}, unloaded {:.2} mL, end-diastole {:.2} mL; {} Newton iterations, {} passes, {:.1} s",
         end_diastole.stiffness_kpa,
+        wall.muscle.b_f,
         1e-3 * end_diastole.unloaded_volume_mm3(),
         1e-3 * end_diastole.volume_mm3(),
         end_diastole.newton_iterations,

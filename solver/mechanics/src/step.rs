@@ -69,6 +69,8 @@ pub struct StepSettings {
     pub max_halvings: usize,
     /// An iteration's step is halved when an element's volume would shrink below this share.
     pub smallest_volume_ratio: f64,
+    /// Farthest that an iteration moves a node \[mm\]: exponential laws answer a larger step by a larger error.
+    pub farthest_mm: f64,
     /// Linear solver.
     pub linear: LinearSolver,
     /// Limits of the Krylov method; its tolerance follows from the residual.
@@ -86,6 +88,7 @@ impl Default for StepSettings {
             max_iterations: 12,
             max_halvings: 4,
             smallest_volume_ratio: 0.1,
+            farthest_mm: f64::INFINITY,
             linear: LinearSolver::BlockJacobi,
             krylov: KrylovSettings::default(),
             keep_until: 12,
@@ -369,7 +372,10 @@ pub fn step(
         }
         let start = candidate.motion.u.clone();
         let start_kpa = candidate.pressure_kpa;
-        let mut share = 1.0;
+        let lengths = x.as_chunks::<3>().0.iter().map(|x| x[0].hypot(x[1]).hypot(x[2]));
+        let mut farthest = [lengths.fold(0.0, f64::max)];
+        dynamics.comm.max(&mut farthest);
+        let mut share = (settings.farthest_mm / farthest[0]).min(1.0);
         for halving in 0.. {
             for k in 0..n {
                 candidate.motion.u[k] = start[k] - share * x[k];

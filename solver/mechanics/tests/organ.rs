@@ -1,6 +1,6 @@
 //! The ventricle as an organ, on the coarsest generated mesh: step 0 and a beat with its circulation.
 
-use cardiotwin_mechanics::organ::passive_state::fit;
+use cardiotwin_mechanics::organ::passive_fit::{fit, stiffened};
 use cardiotwin_mechanics::organ::{
     Anatomy, ElementKind, FiniteElementVentricle, PassiveFit, PassiveState, UnloadingSettings, VentricleParts,
     WallParameters,
@@ -106,16 +106,24 @@ fn unloading_finds_the_geometry_that_was_inflated_to_the_image() {
 fn stiffness_and_unloaded_state_meet_image_and_end_diastole() {
     let (mesh, _) = heart();
     let anatomy = Anatomy::of(&mesh, &MUSCLE, ElementKind::LINEAR_NODAL).expect("an anatomy");
-    let target = PassiveFit::EndDiastole {
+    let target = PassiveFit::ThreePoints {
         image_pressure_kpa: 0.8,
         end_diastolic_pressure_kpa: 1.6,
-        end_diastolic_volume_mm3: 122e3,
+        end_diastolic_volume_mm3: 126e3,
+        unloaded_volume_mm3: 70e3,
     };
-    let (state, wall) =
-        fit(&anatomy, &WallParameters::default(), &target, &UnloadingSettings::default()).expect("a passive state");
-    assert!((state.volume_mm3() / 122e3 - 1.0).abs() < 1e-3, "{} mm³", state.volume_mm3());
+    let settings = UnloadingSettings::default();
+    let (state, wall) = fit(&anatomy, &WallParameters::default(), &target, &settings).expect("a passive state");
+    assert!((state.volume_mm3() / 126e3 - 1.0).abs() < 1e-3, "{} mm³", state.volume_mm3());
+    assert!((state.unloaded_volume_mm3() / 70e3 - 1.0).abs() < 0.01, "{} mm³", state.unloaded_volume_mm3());
     assert!((wall.muscle.c_kpa - state.stiffness_kpa).abs() < 1e-12);
-    assert!(state.unloaded_volume_mm3() < 112e3);
+    let mut again = PassiveState::unloaded_image(&anatomy, &wall).expect("a wall");
+    again.unload(&anatomy, &wall, 0.8, &settings).expect("unloads");
+    assert!((again.volume_mm3() / 112e3 - 1.0).abs() < 1e-3, "the image: {} mm³", again.volume_mm3());
+    let (steeper, law) = stiffened(&anatomy, &wall, &state, 2.0, &settings).expect("another law");
+    assert!((law.muscle.b_f / wall.muscle.b_f - 2.0).abs() < 1e-12);
+    assert!((steeper.volume_mm3() / state.volume_mm3() - 1.0).abs() < 1e-3, "{} mm³", steeper.volume_mm3());
+    assert_eq!(steeper.unloaded(), state.unloaded());
     let klotz = PassiveFit::Unloaded { end_diastolic_pressure_kpa: 1.6, unloaded_volume_mm3: 90e3 };
     let (state, _) =
         fit(&anatomy, &WallParameters::default(), &klotz, &UnloadingSettings::default()).expect("a passive state");

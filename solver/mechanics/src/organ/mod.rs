@@ -2,12 +2,14 @@
 
 pub mod anatomy;
 mod contraction;
+pub mod passive_fit;
 pub mod passive_state;
 mod ventricle;
 pub mod wall;
 
 pub use anatomy::{Anatomy, AnatomyError, ElementKind};
 pub use contraction::PointContraction;
-pub use passive_state::{PassiveFit, PassiveState, PassiveStateError, UnloadingSettings};
+pub use passive_fit::PassiveFit;
+pub use passive_state::{PassiveState, PassiveStateError, UnloadingSettings};
 pub use ventricle::{FiniteElementVentricle, VentricleParts, VentricleWork};
 pub use wall::{WallError, WallParameters};

@@ -1,4 +1,4 @@
-//! Step 0: the unloaded geometry behind an image, its inflation, and the stiffness that makes both fit the measured state.
+//! Step 0: the unloaded geometry behind an image, and its inflation.
 //!
 //! The unloaded geometry is found by backward displacement (Sellier 2011, Comput Methods Appl Mech Eng 200:2325): nodes are
 //! moved by what the inflated geometry misses of the image, until it misses nothing. Every inflation after the first starts
@@ -35,9 +35,12 @@ impl Default for UnloadingSettings {
     fn default() -> Self {
         let newton = StepSettings {
             linear: LinearSolver::Direct,
-            relative_tolerance: 1e-6,
+            // Places nodes to a thousandth of the tolerance below. Newton's method is linear in the unsymmetric part of the
+            // pressure's tangent, which counts in a small soft heart: more iterations.
+            relative_tolerance: 1e-5,
             least_pressure_kpa: 0.05,
-            max_iterations: 15,
+            max_iterations: 40,
+            farthest_mm: 1.0,
             ..StepSettings::default()
         };
         Self {
@@ -45,7 +48,7 @@ impl Default for UnloadingSettings {
             distance_tolerance_mm: 0.02,
             max_passes: 25,
             first_load: 0.25,
-            smallest_load: 1e-3,
+            smallest_load: 0.02,
             newton,
         }
     }
@@ -78,6 +81,21 @@ pub enum PassiveStateError {
         volume_error: f64,
         /// Largest distance of a node.
         distance_mm: f64,
+    },
+    /// No law through the three points.
+    #[error(
+        "no stiffness and exponents give {wanted_ml:.2} mL at end-diastole and {wanted_unloaded_ml:.2} mL without pressure: the \
+         nearest give {found_ml:.2} and {found_unloaded_ml:.2} mL (NaN where there is no equilibrium)"
+    )]
+    NoLaw {
+        /// End-diastolic volume wanted.
+        wanted_ml: f64,
+        /// Unloaded volume wanted.
+        wanted_unloaded_ml: f64,
+        /// End-diastolic volume found.
+        found_ml: f64,
+        /// Unloaded volume found.
+        found_unloaded_ml: f64,
     },
     /// No stiffness fits.
     #[error(
@@ -128,7 +146,7 @@ impl PassiveState {
         Self::at(anatomy, wall, &anatomy.nodes, vec![0.0; 3 * anatomy.nodes.len()])
     }
 
-    fn at(
+    pub(super) fn at(
         anatomy: &Anatomy,
         wall: &WallParameters,
         unloaded: &[[f64; 3]],
@@ -168,7 +186,7 @@ impl PassiveState {
     }
 
     /// As it is, with the work of another state that it goes on from.
-    fn after(self, newton_iterations: usize, passes: usize) -> Self {
+    pub(super) fn after(self, newton_iterations: usize, passes: usize) -> Self {
         Self { newton_iterations, passes, ..self }
     }
 
@@ -352,127 +370,4 @@ impl PassiveState {
         }
         Ok(())
     }
-}
-
-/// What the stiffness is fitted to.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum PassiveFit {
-    /// The stiffness is given.
-    Given {
-        /// Pressure at which the image was taken \[kPa\].
-        image_pressure_kpa: f64,
-        /// End-diastolic pressure \[kPa\].
-        end_diastolic_pressure_kpa: f64,
-    },
-    /// The image shows diastasis; inflated to end-diastole the cavity holds the measured volume.
-    EndDiastole {
-        /// Pressure at diastasis \[kPa\].
-        image_pressure_kpa: f64,
-        /// End-diastolic pressure \[kPa\].
-        end_diastolic_pressure_kpa: f64,
-        /// End-diastolic volume \[mm³\].
-        end_diastolic_volume_mm3: f64,
-    },
-    /// The image is taken to be at end-diastolic pressure, and the unloaded cavity holds this volume (Klotz 2006).
-    Unloaded {
-        /// End-diastolic pressure \[kPa\].
-        end_diastolic_pressure_kpa: f64,
-        /// Unloaded volume \[mm³\].
-        unloaded_volume_mm3: f64,
-    },
-}
-
-/// Fits stiffness and unloaded geometry, and ends in end-diastole. `wall.muscle.c_kpa` is where the search starts.
-///
-/// # Errors
-/// [`PassiveStateError`] when an inflation or unloading fails, or no stiffness between 1/30 and 30 times the
-/// start fits: the law's exponents limit how much a ventricle grows between two pressures, however soft it is.
-pub fn fit(
-    anatomy: &Anatomy,
-    wall: &WallParameters,
-    target: &PassiveFit,
-    settings: &UnloadingSettings,
-) -> Result<(PassiveState, WallParameters), PassiveStateError> {
-    let mut state = PassiveState::unloaded_image(anatomy, wall)?;
-    let at = |state: &mut PassiveState, c_kpa: f64| -> Result<(WallParameters, f64), PassiveStateError> {
-        let mut wall = wall.clone();
-        wall.muscle.c_kpa = c_kpa;
-        let (image_pressure, end_pressure) = match *target {
-            PassiveFit::Given { image_pressure_kpa, end_diastolic_pressure_kpa }
-            | PassiveFit::EndDiastole { image_pressure_kpa, end_diastolic_pressure_kpa, .. } => {
-                (image_pressure_kpa, end_diastolic_pressure_kpa)
-            }
-            PassiveFit::Unloaded { end_diastolic_pressure_kpa: p, .. } => (p, p),
-        };
-        state.unload(anatomy, &wall, image_pressure, settings)?;
-        let volume = match target {
-            PassiveFit::Unloaded { .. } => state.unloaded_volume_mm3(),
-            _ => {
-                state.inflate(end_pressure, settings)?;
-                state.volume_mm3()
-            }
-        };
-        Ok((wall, volume))
-    };
-    let wanted = match *target {
-        PassiveFit::Given { .. } => {
-            let (wall, _) = at(&mut state, wall.muscle.c_kpa)?;
-            return Ok((state, wall));
-        }
-        PassiveFit::EndDiastole { end_diastolic_volume_mm3, .. } => end_diastolic_volume_mm3,
-        PassiveFit::Unloaded { unloaded_volume_mm3, .. } => unloaded_volume_mm3,
-    };
-    // End-diastolic volume falls with stiffness, unloaded volume grows: bracketed secant in ln C.
-    let start = wall.muscle.c_kpa;
-    let (lowest, highest) = ((start / 30.0).ln(), (start * 30.0).ln());
-    let grows = matches!(target, PassiveFit::Unloaded { .. });
-    let mut ends: [Option<(f64, f64)>; 2] = [None, None];
-    let mut ln_c = start.ln();
-    let mut last: Option<f64> = None;
-    for _ in 0..30 {
-        let (fitted, volume) = match (at(&mut state, ln_c.exp()), last) {
-            (Ok(found), _) => found,
-            // Too far in one go, or beyond what holds the load at all: half the way, as long as that is a way.
-            (Err(_), Some(last)) if (ln_c - last).abs() > 0.2 => {
-                ln_c = 0.5 * (ln_c + last);
-                continue;
-            }
-            // Too soft a start to bear the load.
-            (Err(_), None) if ln_c + 0.7 <= highest => {
-                ln_c += 0.7;
-                continue;
-            }
-            (Err(error), None) => return Err(error),
-            (Err(_), Some(_)) => break,
-        };
-        last = Some(ln_c);
-        let miss = (volume - wanted) / wanted;
-        if miss.abs() <= settings.volume_tolerance {
-            return Ok((state, fitted));
-        }
-        let too_stiff = (miss > 0.0) == grows;
-        // Softer, and yet it grows less: a soft law lives where it is steep. More than this the exponents do not allow.
-        if too_stiff && !grows && ends[1].is_some_and(|(stiffer, before)| ln_c < stiffer && miss <= before + 1e-4) {
-            ends[0] = Some((ln_c, miss));
-            break;
-        }
-        ends[usize::from(too_stiff)] = Some((ln_c, miss));
-        let next = match ends {
-            [Some((a, f)), Some((b, g))] => (a - f * (b - a) / (g - f)).clamp(a + 0.05 * (b - a), b - 0.05 * (b - a)),
-            [None, _] => (ln_c - 0.5).max(lowest),
-            [_, None] => (ln_c + 0.5).min(highest),
-        };
-        if next == ln_c {
-            break;
-        }
-        ln_c = next;
-    }
-    let ml = |end: Option<(f64, f64)>| end.map_or(f64::NAN, |(_, miss)| 1e-3 * wanted * (1.0 + miss));
-    Err(PassiveStateError::NoStiffness {
-        low_kpa: ends[0].map_or(ln_c, |(x, _)| x).exp(),
-        high_kpa: ends[1].map_or(ln_c, |(x, _)| x).exp(),
-        wanted_ml: 1e-3 * wanted,
-        at_low_ml: ml(ends[0]),
-        at_high_ml: ml(ends[1]),
-    })
 }

@@ -5,11 +5,8 @@
 use std::collections::BTreeMap;
 use std::time::Instant;
 
-use cardiotwin_mechanics::organ::passive_state::fit;
-use cardiotwin_mechanics::organ::{
-    Anatomy, PassiveFit, PassiveState, PassiveStateError, UnloadingSettings, WallParameters,
-};
-use cardiotwin_mechanics::step::StepSettings;
+use cardiotwin_mechanics::organ::passive_fit::{fit, stiffened};
+use cardiotwin_mechanics::organ::{Anatomy, PassiveFit, PassiveState, UnloadingSettings, WallParameters};
 use cardiotwin_mesh::eikonal::{Conduction, Speeds, activation_ms};
 use cardiotwin_mesh::ellipsoid::{EllipsoidSpec, generate};
 use cardiotwin_mesh::fibres::{Angles, Longitudinal, fields, frames};
@@ -30,10 +27,11 @@ use crate::error::TaskError;
 use crate::finite_element::stored::About;
 use crate::finite_element::{FiniteElementError, StoredVentricle, wall};
 
-/// Where no stiffness fits, the law's exponents are lowered by this factor, again and again …
-const SOFTER: f64 = 0.7;
-/// … so many times at most.
-const MOST_SOFTENINGS: usize = 5;
+/// Nodes of the mesh on which a large mesh's law is searched for.
+const FIRST_NODES: u32 = 1000;
+
+/// Factor of the exponents with which their search begins: what most hearts need.
+const USUAL_FACTOR: f64 = 0.85;
 
 /// What step 0 made, and what it cost.
 pub(super) struct Made {
@@ -47,34 +45,44 @@ struct Target {
     image_ml: f64,
     image_pressure_mmhg: f64,
     end_diastole: EndDiastole,
-    /// Volume without pressure, where the image is end-diastole.
-    unloaded_ml: Option<f64>,
+    /// Volume without pressure.
+    unloaded_ml: f64,
+    /// Whether the image shows the heart before end-diastole.
+    before_end_diastole: bool,
 }
 
 impl Target {
-    fn of(spec: &PassiveStateSpec, measured: &Measurements, end: EndDiastole, remarks: &mut Vec<String>) -> Self {
-        let klotz = |volume_ml: f64| klotz_unloaded_volume(Ml(volume_ml), Mmhg(end.pressure_mmhg)).0;
-        let loaded = |volume_ml: f64| Self {
+    /// An image of `volume_ml`, taken to be at end-diastolic pressure.
+    fn loaded(volume_ml: f64, end: EndDiastole) -> Self {
+        Self {
             image_ml: volume_ml,
             image_pressure_mmhg: end.pressure_mmhg,
             end_diastole: EndDiastole { volume_ml, ..end },
-            unloaded_ml: Some(klotz(volume_ml)),
-        };
+            unloaded_ml: klotz_unloaded_volume(Ml(volume_ml), Mmhg(end.pressure_mmhg)).0,
+            before_end_diastole: false,
+        }
+    }
+
+    fn of(spec: &PassiveStateSpec, measured: &Measurements, end: EndDiastole, remarks: &mut Vec<String>) -> Self {
+        let loaded = |volume_ml| Self::loaded(volume_ml, end);
         let pressure = measured.pressure.as_ref().zip(spec.diastasis_time_ms).map(|(trace, time)| trace.at(time));
         match (spec.start, spec.diastasis_volume_ml, pressure) {
             (StartMode::Diastasis, Some(volume), _) => loaded(volume),
             (StartMode::EndDiastole, Some(volume), Some(pressure)) => {
-                if pressure > 0.0 && pressure < end.pressure_mmhg && volume < end.volume_ml {
+                let unloaded_ml = klotz_unloaded_volume(Ml(end.volume_ml), Mmhg(end.pressure_mmhg)).0;
+                let below = pressure > 0.0 && pressure < end.pressure_mmhg;
+                if below && volume < end.volume_ml && volume > unloaded_ml {
                     return Self {
                         image_ml: volume,
                         image_pressure_mmhg: pressure,
                         end_diastole: end,
-                        unloaded_ml: None,
+                        unloaded_ml,
+                        before_end_diastole: true,
                     };
                 }
                 remarks.push(format!(
-                    "diastasis ({volume:.1} mL, {pressure:.2} mmHg) is not below end-diastole ({:.1} mL, {:.2} mmHg): \
-                     the mesh is made for end-diastole, the unloaded volume is Klotz's",
+                    "diastasis ({volume:.1} mL, {pressure:.2} mmHg) is not between Klotz's unloaded volume ({unloaded_ml:.1} mL) \
+                     and end-diastole ({:.1} mL, {:.2} mmHg): the mesh is made for end-diastole",
                     end.volume_ml, end.pressure_mmhg
                 ));
                 loaded(end.volume_ml)
@@ -87,21 +95,30 @@ impl Target {
         let kpa = |mmhg: f64| mmhg / MMHG_PER_KPA;
         let image_pressure_kpa = kpa(self.image_pressure_mmhg);
         let end_diastolic_pressure_kpa = kpa(self.end_diastole.pressure_mmhg);
-        match self.unloaded_ml {
-            _ if stiffness_given => PassiveFit::Given { image_pressure_kpa, end_diastolic_pressure_kpa },
-            Some(volume) => PassiveFit::Unloaded { end_diastolic_pressure_kpa, unloaded_volume_mm3: 1e3 * volume },
-            None => PassiveFit::EndDiastole {
+        let unloaded_volume_mm3 = 1e3 * self.unloaded_ml;
+        if stiffness_given {
+            PassiveFit::Given { image_pressure_kpa, end_diastolic_pressure_kpa }
+        } else if self.before_end_diastole {
+            PassiveFit::ThreePoints {
                 image_pressure_kpa,
                 end_diastolic_pressure_kpa,
                 end_diastolic_volume_mm3: 1e3 * self.end_diastole.volume_ml,
-            },
+                unloaded_volume_mm3,
+            }
+        } else {
+            PassiveFit::Unloaded { end_diastolic_pressure_kpa, unloaded_volume_mm3 }
         }
     }
 }
 
 /// Mesh with fibres, and activation times of its nodes from the first on.
-fn mesh(anatomy: &AnatomySpec, image_ml: f64, wall_ml: f64) -> Result<(TetMesh, Vec<f64>), FiniteElementError> {
-    let made = generate(&EllipsoidSpec::new(Ml(image_ml), Ml(wall_ml), anatomy.mesh_nodes as usize))?;
+fn mesh(
+    anatomy: &AnatomySpec,
+    n_nodes: u32,
+    image_ml: f64,
+    wall_ml: f64,
+) -> Result<(TetMesh, Vec<f64>), FiniteElementError> {
+    let made = generate(&EllipsoidSpec::new(Ml(image_ml), Ml(wall_ml), n_nodes as usize))?;
     let mut mesh = Renumbering::reverse_cuthill_mckee(&made.mesh).apply(&made.mesh);
     let muscle = [tags::LEFT_VENTRICLE];
     let found = fields(&mesh, &muscle, Longitudinal::FromBase)?;
@@ -136,37 +153,84 @@ fn exponent_factor(anatomy: &AnatomySpec) -> Result<f64, TaskError> {
     Ok(factor)
 }
 
-/// The fit, with exponents lowered until a stiffness fits: how much a ventricle grows between two pressures is limited by
-/// them, however soft it is. Returns the factor by which they were lowered, too.
-fn softened(
+/// The fit, and the exponents' factor of the patient's effects on top of it: the law is fitted to what was measured, the
+/// effect then steepens it around the same end-diastole, as in the reduced ventricle.
+fn fitted(
     anatomy: &Anatomy,
-    spec: &AnatomySpec,
-    factor: f64,
+    start: &WallParameters,
+    of_effects: f64,
     target: &PassiveFit,
-    context: &Context,
-) -> Result<(PassiveState, WallParameters, f64), TaskError> {
-    // Newton's method is linear in the unsymmetric part of the pressure's tangent, which counts in a small soft heart: more
-    // iterations, and a residual that places nodes to a thousandth of the unloading's tolerance. Loads that small steps
-    // cannot reach are given up soon: the next law is easier.
+) -> Result<(PassiveState, WallParameters), FiniteElementError> {
     let settings = UnloadingSettings::default();
-    let newton = StepSettings { relative_tolerance: 1e-5, max_iterations: 40, ..settings.newton };
-    let settings = UnloadingSettings { smallest_load: 0.02, newton, ..settings };
-    let mut lowered = 1.0;
-    for attempt in 0.. {
-        context.check_stop()?;
-        let mut wall = wall::parameters(&spec.wall, factor * lowered, 0.0);
-        // What the exponents lose the scale has to gain.
-        wall.muscle.c_kpa /= lowered;
-        match fit(anatomy, &wall, target, &settings) {
-            Ok((state, wall)) => return Ok((state, wall, lowered)),
-            Err(error @ PassiveStateError::NoStiffness { .. }) if attempt < MOST_SOFTENINGS => {
-                tracing::info!("exponents times {lowered:.3}: {error}");
-                lowered *= SOFTER;
-            }
-            Err(error) => return Err(FiniteElementError::from(error).into()),
-        }
+    let (state, wall) = fit(anatomy, start, target, &settings)?;
+    if matches!(target, PassiveFit::Given { .. }) || of_effects == 1.0 {
+        return Ok((state, wall));
     }
-    unreachable!("the loop returns")
+    Ok(stiffened(anatomy, &wall, &state, of_effects, &settings)?)
+}
+
+/// A mesh with the law that was fitted on it.
+struct Built {
+    mesh: TetMesh,
+    /// Activation times of its nodes [ms].
+    times: Vec<f64>,
+    degrees_of_freedom: usize,
+    state: PassiveState,
+    wall: WallParameters,
+    /// Factor of all exponents.
+    exponent_factor: f64,
+    /// Of mesh and fit [s].
+    seconds: [f64; 2],
+}
+
+/// Mesh, fibres, activation and passive state for a target. A large mesh's law is searched for on a small one first.
+fn build(
+    spec: &AnatomySpec,
+    wall_ml: f64,
+    of_effects: f64,
+    target: &Target,
+    given: bool,
+    context: &mut Context,
+) -> Result<Built, TaskError> {
+    let goal = target.fit(given);
+    let first_factor = match goal {
+        PassiveFit::Given { .. } => of_effects,
+        PassiveFit::ThreePoints { .. } => USUAL_FACTOR,
+        PassiveFit::Unloaded { .. } => 1.0,
+    };
+    let mut start = wall::parameters(&spec.wall, first_factor, 0.0);
+    let begun = Instant::now();
+    let mut seconds_mesh = 0.0;
+    let sizes = if given || spec.mesh_nodes <= 4 * FIRST_NODES {
+        vec![spec.mesh_nodes]
+    } else {
+        vec![FIRST_NODES, spec.mesh_nodes]
+    };
+    for n_nodes in sizes {
+        context.check_stop()?;
+        context.progress.report("mesh", 0.0, None, || format!("about {n_nodes} nodes"));
+        let before = begun.elapsed().as_secs_f64();
+        let (mesh, times) = mesh(spec, n_nodes, target.image_ml, wall_ml)?;
+        let anatomy = Anatomy::of(&mesh, &[tags::LEFT_VENTRICLE], wall::element(spec.element))
+            .map_err(FiniteElementError::from)?;
+        seconds_mesh += begun.elapsed().as_secs_f64() - before;
+        let degrees_of_freedom = 3 * anatomy.nodes.len();
+        context.progress.report("unloading", 0.0, None, || {
+            format!("{} nodes, {} tetrahedra, {degrees_of_freedom} degrees of freedom", mesh.n_nodes(), mesh.n_tets())
+        });
+        if n_nodes < spec.mesh_nodes {
+            // Where the small one has no law, the large one says so.
+            if let Ok((_, wall)) = fitted(&anatomy, &start, 1.0, &goal) {
+                start = wall;
+            }
+            continue;
+        }
+        let (state, wall) = fitted(&anatomy, &start, of_effects, &goal)?;
+        let exponent_factor = wall.muscle.b_f / spec.wall.b_f;
+        let seconds = [seconds_mesh, begun.elapsed().as_secs_f64() - seconds_mesh];
+        return Ok(Built { mesh, times, degrees_of_freedom, state, wall, exponent_factor, seconds });
+    }
+    unreachable!("the last size returns")
 }
 
 /// Makes the ventricle, and writes it.
@@ -185,52 +249,45 @@ pub(super) fn make(
     let mut remarks = Vec::new();
     let mut counters = BTreeMap::new();
     let mut count = |name: &str, value: f64| counters.insert(name.to_owned(), value);
-    let target = Target::of(spec, measured, end_diastole, &mut remarks);
-    let begun = Instant::now();
-    context.progress.report("mesh", 0.0, None, || format!("about {} nodes", anatomy_spec.mesh_nodes));
-    let (mesh, times) = mesh(anatomy_spec, target.image_ml, wall_ml)?;
-    let anatomy = Anatomy::of(&mesh, &[tags::LEFT_VENTRICLE], wall::element(anatomy_spec.element))
-        .map_err(FiniteElementError::from)?;
-    count("seconds_mesh", begun.elapsed().as_secs_f64());
-
-    let mut activated: Vec<f64> = times.iter().copied().filter(|t| t.is_finite()).collect();
-    activated.sort_by(f64::total_cmp);
-    let (middle, spread_ms) = (activated[activated.len() / 2], activated.last().copied().unwrap_or_default());
-    let onset_ms = onset_ms(spec, measured, 2.0 * middle, estimates);
-
-    let begun = Instant::now();
-    let dof = 3 * anatomy.nodes.len();
-    context.progress.report("unloading", 0.0, None, || {
-        format!("{} nodes, {} tetrahedra, {dof} degrees of freedom", mesh.n_nodes(), mesh.n_tets())
-    });
     let of_effects = exponent_factor(anatomy_spec)?;
     let mut adapted = anatomy_spec.clone();
     if let Some(given) = spec.guccione_c_kpa {
         adapted.wall.guccione_c_kpa = given;
     }
-    let goal = target.fit(spec.guccione_c_kpa.is_some());
-    let (state, fitted, lowered) = softened(&anatomy, &adapted, of_effects, &goal, context)?;
-    if lowered < 1.0 {
-        remarks.push(format!(
-            "no stiffness fits with the exponents of the settings: they were multiplied by {lowered:.3}"
-        ));
+    let given = spec.guccione_c_kpa.is_some();
+    let mut target = Target::of(spec, measured, end_diastole, &mut remarks);
+    let built = match build(&adapted, wall_ml, of_effects, &target, given, context) {
+        Err(TaskError::FiniteElement(error)) if target.before_end_diastole && !given => {
+            remarks.push(format!("{error}: the mesh is made for end-diastole, with Klotz's unloaded volume alone"));
+            target = Target::loaded(end_diastole.volume_ml, end_diastole);
+            build(&adapted, wall_ml, of_effects, &target, given, context)?
+        }
+        built => built?,
+    };
+    let Built { mesh, times, degrees_of_freedom, state, wall: fitted, exponent_factor, seconds } = built;
+    let mut activated: Vec<f64> = times.iter().copied().filter(|t| t.is_finite()).collect();
+    activated.sort_by(f64::total_cmp);
+    let (middle, spread_ms) = (activated[activated.len() / 2], activated.last().copied().unwrap_or_default());
+    let onset_ms = onset_ms(spec, measured, 2.0 * middle, estimates);
+    if exponent_factor != of_effects {
         estimates.push(Estimate {
             key: "passive.exponent_factor".to_owned(),
-            value: lowered,
-            method: "lowered until a stiffness fits the volumes and pressures of image and end-diastole".to_owned(),
+            value: exponent_factor / of_effects,
+            method: "with Guccione's C, so that unloaded volume (Klotz 2006), image and end-diastole are met"
+                .to_owned(),
         });
     }
-    count("seconds_unloading", begun.elapsed().as_secs_f64());
+    count("seconds_mesh", seconds[0]);
+    count("seconds_unloading", seconds[1]);
     count("newton_iterations", state.newton_iterations as f64);
     count("unloading_passes", state.passes as f64);
 
     adapted.wall.guccione_c_kpa = fitted.muscle.c_kpa;
-    let exponent_factor = of_effects * lowered;
     let volumes = (1e-3 * state.unloaded_volume_mm3(), 1e-3 * state.volume_mm3());
     let figures = VentricleFigures {
         nodes: mesh.n_nodes() as u64,
         elements: mesh.n_tets() as u64,
-        degrees_of_freedom: dof as u64,
+        degrees_of_freedom: degrees_of_freedom as u64,
         mean_edge_mm: mesh.mean_edge_mm(),
         wall_volume_ml: wall_ml,
         image_volume_ml: target.image_ml,

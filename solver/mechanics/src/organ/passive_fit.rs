@@ -1,0 +1,290 @@
+//! Step 0: the passive law that makes image, end-diastole and unloaded volume fit what was measured.
+
+use super::anatomy::Anatomy;
+use super::passive_state::{PassiveState, PassiveStateError, UnloadingSettings};
+use super::wall::WallParameters;
+
+/// What the law is fitted to.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum PassiveFit {
+    /// The stiffness is given.
+    Given {
+        /// Pressure at which the image was taken \[kPa\].
+        image_pressure_kpa: f64,
+        /// End-diastolic pressure \[kPa\].
+        end_diastolic_pressure_kpa: f64,
+    },
+    /// The image shows diastasis; unloaded and inflated to end-diastole the cavity holds these volumes. Stiffness and a factor
+    /// of the exponents are fitted: with given exponents most pairs of volumes have no stiffness, because how much a ventricle
+    /// grows between two pressures is limited by them, however soft it is.
+    ThreePoints {
+        /// Pressure at diastasis \[kPa\].
+        image_pressure_kpa: f64,
+        /// End-diastolic pressure \[kPa\].
+        end_diastolic_pressure_kpa: f64,
+        /// End-diastolic volume \[mm³\].
+        end_diastolic_volume_mm3: f64,
+        /// Unloaded volume \[mm³\].
+        unloaded_volume_mm3: f64,
+    },
+    /// The image is taken to be at end-diastolic pressure, and the unloaded cavity holds this volume (Klotz 2006); the
+    /// stiffness is fitted.
+    Unloaded {
+        /// End-diastolic pressure \[kPa\].
+        end_diastolic_pressure_kpa: f64,
+        /// Unloaded volume \[mm³\].
+        unloaded_volume_mm3: f64,
+    },
+}
+
+/// Error of the unloaded volume over it at which three points are met: it is a rule of thumb's, not a measured one.
+const UNLOADED_TOLERANCE: f64 = 0.01;
+/// Most unloadings of a fit.
+const MOST_TRIALS: usize = 40;
+
+/// Fits law and unloaded geometry, and ends in end-diastole. `wall.muscle` is where the search starts.
+///
+/// # Errors
+/// [`PassiveStateError`] when an inflation or unloading fails, no stiffness between 1/30 and 30 times the start fits, or no
+/// law meets the three points.
+pub fn fit(
+    anatomy: &Anatomy,
+    wall: &WallParameters,
+    target: &PassiveFit,
+    settings: &UnloadingSettings,
+) -> Result<(PassiveState, WallParameters), PassiveStateError> {
+    match *target {
+        PassiveFit::Given { image_pressure_kpa, end_diastolic_pressure_kpa } => {
+            let mut state = PassiveState::unloaded_image(anatomy, wall)?;
+            state.unload(anatomy, wall, image_pressure_kpa, settings)?;
+            state.inflate(end_diastolic_pressure_kpa, settings)?;
+            Ok((state, wall.clone()))
+        }
+        PassiveFit::Unloaded { end_diastolic_pressure_kpa, unloaded_volume_mm3 } => {
+            let mut state = PassiveState::unloaded_image(anatomy, wall)?;
+            let fitted = fit_stiffness(wall, unloaded_volume_mm3, true, settings.volume_tolerance, |wall| {
+                state.unload(anatomy, wall, end_diastolic_pressure_kpa, settings)?;
+                Ok(state.unloaded_volume_mm3())
+            })?;
+            Ok((state, fitted))
+        }
+        PassiveFit::ThreePoints {
+            image_pressure_kpa,
+            end_diastolic_pressure_kpa,
+            end_diastolic_volume_mm3,
+            unloaded_volume_mm3,
+        } => {
+            let wanted = [end_diastolic_volume_mm3, unloaded_volume_mm3];
+            let mut state = PassiveState::unloaded_image(anatomy, wall)?;
+            let fitted = fit_law(wall, wanted, settings.volume_tolerance, |wall| {
+                // From the last geometry that was found, which a law that finds none leaves alone.
+                let mut next = PassiveState::at(anatomy, wall, state.unloaded(), state.anchor().to_vec())?
+                    .after(state.newton_iterations, state.passes);
+                next.unload(anatomy, wall, image_pressure_kpa, settings)?;
+                next.inflate(end_diastolic_pressure_kpa, settings)?;
+                let found = [next.volume_mm3(), next.unloaded_volume_mm3()];
+                state = next;
+                Ok(found)
+            })?;
+            Ok((state, fitted))
+        }
+    }
+}
+
+/// The same unloaded geometry with the exponents times `factor`, and the stiffness that keeps the end-diastolic volume.
+///
+/// # Errors
+/// [`PassiveStateError`] when an inflation fails or no stiffness fits.
+pub fn stiffened(
+    anatomy: &Anatomy,
+    wall: &WallParameters,
+    before: &PassiveState,
+    factor: f64,
+    settings: &UnloadingSettings,
+) -> Result<(PassiveState, WallParameters), PassiveStateError> {
+    let (wanted, pressure_kpa) = (before.volume_mm3(), before.pressure_kpa);
+    let mut start = wall.clone();
+    for exponent in [&mut start.muscle.b_f, &mut start.muscle.b_t, &mut start.muscle.b_fs] {
+        *exponent *= factor;
+    }
+    // Where the fibres' strain is what the law was fitted at, exponents and scale trade off nearly so.
+    start.muscle.c_kpa /= factor * factor;
+    let mut found = None;
+    let mut work = (before.newton_iterations, before.passes);
+    let fitted = fit_stiffness(&start, wanted, false, settings.volume_tolerance, |wall| {
+        let mut next =
+            PassiveState::at(anatomy, wall, before.unloaded(), before.anchor().to_vec())?.after(work.0, work.1);
+        next.inflate(pressure_kpa, settings)?;
+        let volume = next.volume_mm3();
+        work.0 = next.newton_iterations;
+        found = Some(next);
+        Ok(volume)
+    })?;
+    found.map(|state| (state, fitted)).ok_or(PassiveStateError::NotUnloaded {
+        passes: work.1,
+        volume_error: f64::NAN,
+        distance_mm: f64::NAN,
+    })
+}
+
+/// Stiffness and factor of the exponents for which end-diastolic and unloaded volume are `wanted`: Broyden's method in the
+/// logarithms, from differences at the start; steps that fail or lead away are halved.
+fn fit_law(
+    start: &WallParameters,
+    wanted: [f64; 2],
+    tolerance: f64,
+    mut volumes_mm3: impl FnMut(&WallParameters) -> Result<[f64; 2], PassiveStateError>,
+) -> Result<WallParameters, PassiveStateError> {
+    const PROBE: f64 = 0.15;
+    const FARTHEST: [f64; 2] = [4.0, 2.5];
+    const LONGEST: f64 = 0.7;
+    let law = |x: [f64; 2]| {
+        let mut wall = start.clone();
+        let m = &mut wall.muscle;
+        m.c_kpa *= x[0].exp();
+        [&mut m.b_f, &mut m.b_t, &mut m.b_fs].into_iter().for_each(|b| *b *= x[1].exp());
+        wall
+    };
+    let mut misses = |x: [f64; 2]| -> Result<[f64; 2], PassiveStateError> {
+        let found = volumes_mm3(&law(x))?;
+        Ok([(found[0] / wanted[0]).ln(), (found[1] / wanted[1]).ln()])
+    };
+    let met = |f: [f64; 2]| f[0].abs() <= tolerance && f[1].abs() <= UNLOADED_TOLERANCE;
+    let size = |f: [f64; 2]| f[0].hypot(f[1]);
+    let mut x = [0.0; 2];
+    let mut trials = 0;
+    // A stiffer law bears the load where the first does not.
+    let mut f = loop {
+        trials += 1;
+        match misses(x) {
+            Ok(f) => break f,
+            Err(_) if x[0] + 0.7 < FARTHEST[0] => x[0] += 0.7,
+            Err(error) => return Err(error),
+        }
+    };
+    let mut slope: Option<[[f64; 2]; 2]> = None;
+    let mut shorter = 1.0;
+    while trials < MOST_TRIALS {
+        if met(f) {
+            return Ok(law(x));
+        }
+        let j = match slope {
+            Some(j) => j,
+            None => {
+                let mut j = [[0.0; 2]; 2];
+                for k in 0..2 {
+                    let mut probe = x;
+                    probe[k] += PROBE;
+                    trials += 1;
+                    let (step, g) = match misses(probe) {
+                        Ok(g) => (PROBE, g),
+                        Err(_) => {
+                            probe[k] = x[k] - PROBE;
+                            trials += 1;
+                            (-PROBE, misses(probe)?)
+                        }
+                    };
+                    (0..2).for_each(|i| j[i][k] = (g[i] - f[i]) / step);
+                }
+                *slope.insert(j)
+            }
+        };
+        let det = j[0][0] * j[1][1] - j[0][1] * j[1][0];
+        let mut step = [(-f[0] * j[1][1] + f[1] * j[0][1]) / det, (-f[1] * j[0][0] + f[0] * j[1][0]) / det];
+        let longest = step[0].abs().max(step[1].abs());
+        if !longest.is_finite() || longest < 1e-9 {
+            break;
+        }
+        let scale = shorter * (LONGEST / longest).min(1.0);
+        for k in 0..2 {
+            step[k] = (x[k] + scale * step[k]).clamp(-FARTHEST[k], FARTHEST[k]) - x[k];
+        }
+        let trial = [x[0] + step[0], x[1] + step[1]];
+        trials += 1;
+        match misses(trial) {
+            Ok(g) => {
+                let length = step[0] * step[0] + step[1] * step[1];
+                let mut better = j;
+                for i in 0..2 {
+                    let missed = g[i] - f[i] - j[i][0] * step[0] - j[i][1] * step[1];
+                    (0..2).for_each(|k| better[i][k] += missed * step[k] / length.max(1e-12));
+                }
+                slope = Some(better);
+                if size(g) < size(f) {
+                    (x, f, shorter) = (trial, g, 1.0);
+                } else {
+                    shorter *= 0.5;
+                }
+            }
+            Err(_) => shorter *= 0.5,
+        }
+        if shorter < 0.05 {
+            break;
+        }
+    }
+    let ml = |i: usize| 1e-3 * wanted[i] * f[i].exp();
+    Err(PassiveStateError::NoLaw {
+        wanted_ml: 1e-3 * wanted[0],
+        wanted_unloaded_ml: 1e-3 * wanted[1],
+        found_ml: ml(0),
+        found_unloaded_ml: ml(1),
+    })
+}
+
+/// The stiffness for which a volume that grows with it, or falls, is `wanted`: bracketed secant in ln C.
+fn fit_stiffness(
+    wall: &WallParameters,
+    wanted: f64,
+    grows: bool,
+    tolerance: f64,
+    mut volume_mm3: impl FnMut(&WallParameters) -> Result<f64, PassiveStateError>,
+) -> Result<WallParameters, PassiveStateError> {
+    let start = wall.muscle.c_kpa;
+    let (lowest, highest) = ((start / 30.0).ln(), (start * 30.0).ln());
+    let mut ends: [Option<(f64, f64)>; 2] = [None, None];
+    let mut ln_c = start.ln();
+    let mut last: Option<f64> = None;
+    for _ in 0..30 {
+        let mut fitted = wall.clone();
+        fitted.muscle.c_kpa = ln_c.exp();
+        let volume = match (volume_mm3(&fitted), last) {
+            (Ok(found), _) => found,
+            // Too far in one go, or beyond what holds the load at all: half the way, as long as that is a way.
+            (Err(_), Some(last)) if (ln_c - last).abs() > 0.2 => {
+                ln_c = 0.5 * (ln_c + last);
+                continue;
+            }
+            // Too soft a start to bear the load.
+            (Err(_), None) if ln_c + 0.7 <= highest => {
+                ln_c += 0.7;
+                continue;
+            }
+            (Err(error), None) => return Err(error),
+            (Err(_), Some(_)) => break,
+        };
+        last = Some(ln_c);
+        let miss = (volume - wanted) / wanted;
+        if miss.abs() <= tolerance {
+            return Ok(fitted);
+        }
+        let too_stiff = (miss > 0.0) == grows;
+        ends[usize::from(too_stiff)] = Some((ln_c, miss));
+        let next = match ends {
+            [Some((a, f)), Some((b, g))] => (a - f * (b - a) / (g - f)).clamp(a + 0.05 * (b - a), b - 0.05 * (b - a)),
+            [None, _] => (ln_c - 0.5).max(lowest),
+            [_, None] => (ln_c + 0.5).min(highest),
+        };
+        if next == ln_c {
+            break;
+        }
+        ln_c = next;
+    }
+    let ml = |end: Option<(f64, f64)>| end.map_or(f64::NAN, |(_, miss)| 1e-3 * wanted * (1.0 + miss));
+    Err(PassiveStateError::NoStiffness {
+        low_kpa: ends[0].map_or(ln_c, |(x, _)| x).exp(),
+        high_kpa: ends[1].map_or(ln_c, |(x, _)| x).exp(),
+        wanted_ml: 1e-3 * wanted,
+        at_low_ml: ml(ends[0]),
+        at_high_ml: ml(ends[1]),
+    })
+}
