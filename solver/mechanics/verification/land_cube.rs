@@ -2,6 +2,7 @@
 //! stretch of the step before is unstable without the term of Regazzoni and Quarteroni 2021, Comput Methods Appl Mech Eng
 //! 373:113506: the shorter the step, the more so.
 
+use super::meshes::cuboid;
 use cardiotwin_mechanics::body::{Body, BodyInput, Deformation};
 use cardiotwin_mechanics::boundary::PressureSurface;
 use cardiotwin_mechanics::dynamics::{Candidate, Dynamics, State, SurfaceLoad};
@@ -14,7 +15,6 @@ use cardiotwin_mechanics::step::{Closure, PointStress, Solver, StepSettings, ste
 use cardiotwin_mechanics::time_integration::GeneralisedAlpha;
 use cardiotwin_models::contraction::{Contraction, ContractionError, Land2017, Land2017Parameters, NodeStep};
 use cardiotwin_units::Stretch;
-use super::meshes::cuboid;
 
 /// Where the cells' stress is taken.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -7,3 +7,4 @@ pub mod land_cube;
 pub mod meshes;
 pub mod motion;
 pub mod problems;
+pub mod sphere;

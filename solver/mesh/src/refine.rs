@@ -31,7 +31,8 @@ pub fn halve_edges(mesh: &TetMesh) -> TetMesh {
         let (m01, m02, m03, m12, m13, m23) = (m(0, 1), m(0, 2), m(0, 3), m(1, 2), m(1, 3), m(2, 3));
         tets.extend([[t[0], m01, m02, m03], [m01, t[1], m12, m13], [m02, m12, t[2], m23], [m03, m13, m23, t[3]]]);
         // The diagonal's two ends, and the four other corners in a circle around it.
-        let diagonals = [(m02, m13, [m01, m12, m23, m03]), (m01, m23, [m02, m03, m13, m12]), (m03, m12, [m01, m02, m23, m13])];
+        let diagonals =
+            [(m02, m13, [m01, m12, m23, m03]), (m01, m23, [m02, m03, m13, m12]), (m03, m12, [m01, m02, m23, m13])];
         let length = |d: &(u32, u32, [u32; 4])| distance(nodes_mm[d.0 as usize], nodes_mm[d.1 as usize]);
         let (p, q, around) = *diagonals.iter().min_by(|a, b| length(a).total_cmp(&length(b))).unwrap_or(&diagonals[0]);
         tets.extend((0..4).map(|k| [p, q, around[k], around[(k + 1) % 4]]));
