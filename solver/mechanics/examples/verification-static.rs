@@ -62,18 +62,18 @@ fn main() {
         ["beam"] => {
             let across = |n: &[usize]| n.iter().map(|n| (*n, *n)).collect::<Vec<_>>();
             let make = |n, _| beam(n, KAPPA_KPA);
-            table(&across(&[2, 3, 4, 8, 12]), &across(&[1, 2, 3, 4]), make, |s| {
+            table(&across(&[2, 3, 4, 6, 8]), &across(&[1, 2, 3, 4]), make, |s| {
                 let tip = s.position(BEAM_TIP);
                 [tip[0], tip[2], 0.0]
             });
         }
         ["inflation"] => {
             let make = |n, layers| inflation(n, layers, INFLATION_KPA);
-            table(&[(4, 2), (6, 3), (8, 4), (16, 6)], &[(2, 1), (3, 2), (4, 2), (6, 2)], make, apices);
+            table(&[(4, 2), (6, 3), (8, 4)], &[(2, 1), (3, 2), (4, 2), (6, 2)], make, apices);
         }
         ["contraction"] => {
             let make = |n, layers| contraction(n, layers, KAPPA_KPA);
-            table(&[(3, 3), (4, 4), (6, 6)], &[(2, 2), (3, 2), (3, 3), (4, 3)], make, apices);
+            table(&[(2, 2), (3, 3), (4, 4)], &[(2, 2), (3, 2), (3, 3), (4, 3)], make, apices);
         }
         ["sphere"] => {
             table(
