@@ -214,7 +214,7 @@ def arostica(page):
             met = None if name == "0b" else apart <= 0.02
             page.verdict(
                 f"Aróstica 2025, step {title}, {probe}, distance to the mean of ten codes", asked, f"{apart:.4f}", met,
-                "`worker/tests/arostica.rs`: its first 0.25 s, coarse" if name == "0a" else "this page"
+                "`worker/tests/arostica.rs`: its first 0.25 s" if name == "0a" else "this page"
             )
         peak = max(reference, key=lambda r: math.hypot(*vector(r, "p0")))
         ours = ", ".join(signed(at(rows, peak["t_s"], f"p0_u{a}_mm"), 2) for a in "xyz")
