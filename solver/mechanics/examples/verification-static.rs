@@ -69,7 +69,7 @@ fn main() {
         }
         ["inflation"] => {
             let make = |n, layers| inflation(n, layers, INFLATION_KPA);
-            table(&[(4, 2), (8, 4), (12, 6), (16, 8)], &[(2, 1), (3, 2), (4, 2), (6, 2)], make, apices);
+            table(&[(4, 2), (6, 3), (8, 4)], &[(2, 1), (3, 2), (4, 2), (6, 2)], make, apices);
         }
         ["contraction"] => {
             let make = |n, layers| contraction(n, layers, KAPPA_KPA);
