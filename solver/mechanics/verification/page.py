@@ -409,11 +409,13 @@ def main():
         part(page)
     missed = sum("**missed**" in v for v in page.verdicts)
     absent = sum("**not computed**" in v for v in page.verdicts)
+    note = tables / "note.txt"
     text = [
         "# Verification",
         "",
         f"Made by `make verify` from commit {commit}: do not edit, change `solver/mechanics/verification/page.py`. What the mechanics compute:",
         "[mechanics.md](mechanics.md).",
+        *(note.read_text().splitlines() if note.exists() else []),
         "",
         f"{len(page.verdicts)} figures, {missed} missed, {absent} not computed. Tests named here run in `make test`, at sizes that they can afford; `tests/` alone is that of",
         "`solver/mechanics`, other paths are below `solver/`, but for the worker's.",
