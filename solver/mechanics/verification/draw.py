@@ -25,6 +25,8 @@ def ticks(low, high, log):
 
 
 def text_of(v, log):
+    if log and v >= 3.0 - 1e-9:
+        return f"{10**v:,.0f}"
     return f"{10**v:.3g}" if log else f"{0.0 if abs(v) < 1e-12 else v:.6g}"
 
 
