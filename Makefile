@@ -81,7 +81,7 @@ VERIFY := $(if $(CARGO_TARGET_DIR),$(CARGO_TARGET_DIR),target)/verify/$(VERIFIED
 VERIFY_TABLES := $(patsubst %,$(VERIFY)/arostica2025-lv-%.csv,0a 1 0b) \
 	$(patsubst %,$(VERIFY)/static-%.csv,contraction inflation beam sphere order) \
 	$(patsubst %,$(VERIFY)/motion-%.csv,order energy cube) $(patsubst %,$(VERIFY)/ep-%.txt,cell waves traces eikonal)
-verify: build ## compute docs/verification.md and its plots: benchmarks of the 3D mechanics and more (half an hour on two cores)
+verify: build ## compute docs/verification.md and its plots: benchmarks of the 3D mechanics and more (minutes after the build)
 	$(CARGO) build --release --locked --quiet --package cardiotwin-mechanics --package cardiotwin-electrophysiology --examples
 	mkdir -p $(VERIFY)
 	$(MAKE) --no-print-directory --jobs=2 VERIFIED=$(VERIFIED) $(VERIFY_TABLES)
