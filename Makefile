@@ -12,7 +12,7 @@ BIN := $(if $(CARGO_TARGET_DIR),$(CARGO_TARGET_DIR),target)/release
 # The whole workspace is always selected, so that demo, tests and benchmarks share one set of compiled dependencies.
 BUILD := $(CARGO) build --release --locked --workspace --bins
 
-.PHONY: help deps deps-demo build demo test bench work-precision evaluate-discover afterload clean-run
+.PHONY: help deps deps-demo build demo test bench work-precision evaluate-discover afterload verify clean-run
 
 help: ## print this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "  make %-18s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -74,6 +74,28 @@ afterload: build ## fit and search the measured records of examples/afterload; d
 	  record=$${part%=*}; flow=$(RECORDS)/$${record%%/*}/flow$${record#*/}; \
 	  $(BIN)/cardiotwin --quiet discover --afterload $$flow $${flow/flow/pressure} --plot docs/images/afterload-$${part#*=}.svg > /dev/null; \
 	done
+
+# Tables are kept by the commit that they were made from; `make verify VERIFIED=COMMIT` draws the page anew from kept ones.
+VERIFIED ?= $(shell git describe --always --dirty --exclude '*' 2> /dev/null || echo unknown)
+VERIFY := $(if $(CARGO_TARGET_DIR),$(CARGO_TARGET_DIR),target)/verify/$(VERIFIED)
+VERIFY_TABLES := $(patsubst %,$(VERIFY)/arostica2025-lv-%.csv,0a 1 0b) \
+	$(patsubst %,$(VERIFY)/static-%.csv,contraction inflation beam sphere order) \
+	$(patsubst %,$(VERIFY)/motion-%.csv,order energy cube) $(patsubst %,$(VERIFY)/ep-%.txt,cell waves traces eikonal)
+verify: build ## compute docs/verification.md and its plots: benchmarks of the 3D mechanics and more (minutes after the build)
+	$(CARGO) build --release --locked --quiet --package cardiotwin-mechanics --package cardiotwin-electrophysiology --examples
+	mkdir -p $(VERIFY)
+	$(MAKE) --no-print-directory --jobs=2 VERIFIED=$(VERIFIED) $(VERIFY_TABLES)
+	PYTHONDONTWRITEBYTECODE=1 python3 solver/mechanics/verification/page.py $(VERIFY) docs $(VERIFIED)
+
+$(VERIFY)/arostica2025-lv-%.csv:
+	$(BIN)/cardiotwin-worker benchmark examples/benchmarks/arostica2025-lv-$*.toml --out $@.part 2> $(@:.csv=.log)
+	mv $@.part $@
+$(VERIFY)/static-%.csv:
+	$(BIN)/examples/verification-static $* > $@.part && mv $@.part $@
+$(VERIFY)/motion-%.csv:
+	$(BIN)/examples/verification-motion $* > $@.part && mv $@.part $@
+$(VERIFY)/ep-%.txt:
+	$(BIN)/examples/electrophysiology-figures $* > $@.part && mv $@.part $@
 
 clean-run: ## forget the results of the bundled cohort, so that `make demo` starts anew
 	rm -rf -- $(COHORT)/run $(COHORT)/discover

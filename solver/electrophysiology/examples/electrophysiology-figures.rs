@@ -1,6 +1,6 @@
 //! Figures of `docs/electrophysiology.md`: `cargo run --release -p cardiotwin-electrophysiology --example
 //! electrophysiology-figures [cell] [waves] [ventricle] [large] [FILE.svg]` prints the tables named, and draws potentials of
-//! a ventricle into a file.
+//! a ventricle into a file. `traces` and `eikonal` print what `docs/verification.md` draws, as CSV.
 
 #[path = "../tests/common/action_potential.rs"]
 mod action_potential;
@@ -22,16 +22,26 @@ type Failure = Box<dyn std::error::Error>;
 fn main() -> Result<(), Failure> {
     let wanted: Vec<String> = std::env::args().skip(1).collect();
     if wanted.is_empty() {
-        return Err("name what to print: cell, waves, ventricle, large, or a file FILE.svg to draw into".into());
+        return Err(
+            "name what to print: cell, waves, ventricle, large, traces, eikonal, or a file FILE.svg to draw into"
+                .into(),
+        );
     }
     for part in &wanted {
         match part.as_str() {
             "cell" => steps(),
             "waves" => edges()?,
+            "traces" => traces(),
+            "eikonal" => orders()?,
             "ventricle" => ventricle(&[2000, 8000])?,
             "large" => ventricle(&[64_000])?,
             file if file.ends_with(".svg") => std::fs::write(file, draw()?)?,
-            other => return Err(format!("{other} is neither cell, waves, ventricle, large nor a .svg file").into()),
+            other => {
+                return Err(format!(
+                    "{other} is neither cell, waves, ventricle, large, traces, eikonal nor a .svg file"
+                )
+                .into());
+            }
         }
     }
     Ok(())
@@ -57,6 +67,51 @@ fn steps() {
             );
         }
     }
+}
+
+/// Action potentials beside Myokit's, at its times.
+fn traces() {
+    println!("beat,t_ms,myokit_mv,here_mv");
+    for (name, cycle_ms, n_beats) in [("rest", 600.0, 1), ("cycle-1000ms", 1000.0, 8), ("cycle-600ms", 600.0, 10)] {
+        let here = action_potential::simulated(cycle_ms, n_beats, 0.025);
+        for [t, v, _] in action_potential::reference(name) {
+            println!("{name},{t},{v:.4},{:.4}", action_potential::at(&here, t, 1));
+        }
+    }
+}
+
+/// Largest errors of the eikonal's times in a cube of 20 mm with oblique fibres: a point in its middle, the same with exact
+/// times in a ball of 6 mm around it, and a plane wave along fibres from a face.
+fn orders() -> Result<(), Failure> {
+    println!("side_mm,point_ms,ball_ms,plane_ms");
+    let speeds = Speeds { fibre: 0.6, sheet: 0.4, normal: 0.25 };
+    let along = [speeds.fibre, speeds.sheet, speeds.normal];
+    for n in [6, 12, 24] {
+        let mesh = common::block([n; 3], [20.0; 3], [1.0, 2.0, 0.5]);
+        let times = |mesh: &TetMesh, sites: Vec<Site>| {
+            activation_ms(mesh, &Conduction { speeds, endocardial_speed: None, tags: vec![1], sites })
+        };
+        let axes = mesh.frames[0];
+        let from_middle = |x: &[f64; 3]| {
+            let part = |axis: [f64; 3]| (0..3).map(|i| axis[i] * (x[i] - 10.0)).sum::<f64>();
+            let parts = [axes.fibre, axes.sheet, axes.normal].map(part);
+            (0..3).map(|i| (parts[i] / along[i]).powi(2)).sum::<f64>().sqrt()
+        };
+        let largest = |mesh: &TetMesh, times: &[f64], exact: &dyn Fn(&[f64; 3]) -> f64| {
+            mesh.nodes_mm.iter().zip(times).map(|(x, t)| (t - exact(x)).abs()).fold(0.0, f64::max)
+        };
+        let mut errors = vec![];
+        for radius_mm in [0.0, 6.0] {
+            let site = Site { at_mm: [10.0; 3], radius_mm, time: Ms(0.0) };
+            errors.push(largest(&mesh, &times(&mesh, vec![site])?, &from_middle));
+        }
+        let straight = common::block([n; 3], [20.0; 3], [1.0, 0.0, 0.0]);
+        let face = straight.nodes_mm.iter().filter(|x| x[0] == 0.0);
+        let sites = face.map(|x| Site { at_mm: *x, radius_mm: 0.0, time: Ms(0.0) }).collect();
+        let plane = largest(&straight, &times(&straight, sites)?, &|x| x[0] / speeds.fibre);
+        println!("{:.4},{:.6},{:.6},{plane:.2e}", 20.0 / n as f64, errors[0], errors[1]);
+    }
+    Ok(())
 }
 
 /// Speed along the fibre on coarser and coarser bars, led by the eikonal and by diffusion alone.

@@ -15,6 +15,7 @@ use verification::meshes::cuboid;
 use verification::problems::{
     APEX_ENDO, APEX_EPI, BEAM_TIP, Element, P1, P1_NODAL, P2_NODAL, SPHERE, beam, contraction, inflation, sphere,
 };
+use verification::sphere::{incompressible_pressure, inner_stretch};
 
 /// Stretch of the inner surface at 0.212497356 kPa, of the incompressible sphere's closed form.
 fn inner_stretch_over_exact(n: usize, layers: usize, element: Element) -> f64 {
@@ -28,6 +29,32 @@ fn thick_sphere_meets_its_closed_form_on_a_coarse_mesh() {
     assert!((quadratic - 1.0).abs() < 0.01, "{quadratic}");
     let linear = inner_stretch_over_exact(8, 3, P1_NODAL);
     assert!((linear - 1.0).abs() < 0.01, "{linear}");
+}
+
+/// Errors of the inner stretch against the radial problem, and orders from each mesh to one of half its edges.
+fn orders(element: Element, sizes: &[(usize, usize)]) -> (Vec<f64>, Vec<f64>) {
+    let pressure = incompressible_pressure(1.3);
+    let exact = inner_stretch(pressure, 100.0);
+    let error = |(n, layers): &(usize, usize)| {
+        let solution = sphere(*n, *layers, pressure, 100.0).solve(element);
+        (solution.position([SPHERE[0], 0.0, 0.0])[0] / SPHERE[0] - exact).abs()
+    };
+    let errors: Vec<f64> = sizes.iter().map(error).collect();
+    let orders = errors.windows(2).map(|pair| (pair[0] / pair[1]).log2()).collect();
+    (errors, orders)
+}
+
+#[test]
+fn thick_sphere_converges_with_the_order_of_its_elements() {
+    // At a hundred thousand times the shear modulus the radial problem is the incompressible closed form.
+    assert!((inner_stretch(incompressible_pressure(1.3), 1e5) - 1.3).abs() < 1e-4);
+    assert!((incompressible_pressure(1.3) - 0.212_497_356).abs() < 1e-9);
+    let (errors, linear) = orders(P1_NODAL, &[(4, 2), (8, 4), (16, 8)]);
+    println!("linear {errors:?} {linear:?}");
+    assert!(linear.iter().all(|order| (1.5..2.6).contains(order)), "{errors:?} {linear:?}");
+    let (errors, quadratic) = orders(P2_NODAL, &[(2, 1), (4, 2), (8, 4)]);
+    println!("quadratic {errors:?} {quadratic:?}");
+    assert!(quadratic.iter().all(|order| *order > 2.7), "{errors:?} {quadratic:?}");
 }
 
 #[test]

@@ -2,5 +2,9 @@
 
 #![allow(dead_code, unreachable_pub, reason = "each of the three uses a part of it")]
 
+pub mod beat;
+pub mod land_cube;
 pub mod meshes;
+pub mod motion;
 pub mod problems;
+pub mod sphere;

@@ -15,6 +15,7 @@ pub mod laplace;
 pub mod order;
 pub mod partition;
 pub mod quality;
+pub mod refine;
 pub mod surface;
 #[cfg(test)]
 mod test_meshes;

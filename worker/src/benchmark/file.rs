@@ -53,6 +53,9 @@ pub struct MeshTable {
     pub file: PathBuf,
     /// Unit of its coordinates: um, mm, cm or m.
     pub unit: String,
+    /// How often every edge is halved.
+    #[serde(default)]
+    pub refine: u32,
     /// Ellipsoids that mid-edge nodes of boundary edges are put on.
     #[serde(default)]
     pub curved: Option<CurvedTable>,

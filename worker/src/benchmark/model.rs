@@ -7,6 +7,7 @@ use cardiotwin_mechanics::element::batch::Frame;
 use cardiotwin_mechanics::prescribed::{Course, EllipsoidFibres, Problem, SurfaceSupport};
 use cardiotwin_mesh::fibres::{Angles, Longitudinal, fields, frames};
 use cardiotwin_mesh::files::{carp, gmsh, vtu};
+use cardiotwin_mesh::refine::halve_edges;
 use cardiotwin_mesh::tet_mesh::{shape_gradients, surface_names};
 use cardiotwin_mesh::{LengthUnit, TetMesh, laplace};
 
@@ -16,6 +17,9 @@ use super::names;
 
 /// A place for a mid-edge node, from the edge's vertices.
 type Middles = BTreeMap<(u32, u32), [f64; 3]>;
+
+/// Most halvings of the mesh's edges.
+const MOST_HALVINGS: u32 = 4;
 
 /// Frame at a point of an element.
 type FrameAt = Box<dyn Fn(usize, [f64; 3]) -> Frame>;
@@ -157,6 +161,17 @@ fn read_mesh(file: &Path, parsed: &BenchmarkFile) -> Result<TetMesh, BenchmarkEr
     };
     let mut mesh = mesh.map_err(|source| BenchmarkError::Mesh { file: file.to_owned(), source })?;
     mesh.orient_if_all_negative();
+    if parsed.mesh.refine > MOST_HALVINGS {
+        let expected = format!("at most {MOST_HALVINGS}: each makes eight elements of one");
+        return Err(BenchmarkError::key(file, "mesh.refine", parsed.mesh.refine.to_string(), expected));
+    }
+    if parsed.mesh.refine > 0 && parsed.mesh.curved.is_some() {
+        let found = format!("{}, with mesh.curved", parsed.mesh.refine);
+        return Err(BenchmarkError::key(file, "mesh.refine", found, "one of the two: refined facets stay flat"));
+    }
+    for _ in 0..parsed.mesh.refine {
+        mesh = halve_edges(&mesh);
+    }
     Ok(mesh)
 }
 

@@ -6,7 +6,7 @@ use cardiotwin_electrophysiology::{Cells, Membrane, Parameters};
 const STIMULUS: Stimulus = Stimulus { current_ua_cm2: 25.5, start_ms: 10.0, length_ms: 2.0 };
 
 /// Columns t (ms), V (mV), Ca (mM).
-fn reference(name: &str) -> Vec<[f64; 3]> {
+pub fn reference(name: &str) -> Vec<[f64; 3]> {
     let file = format!("{}/tests/data/luo-rudy-1991-{name}.csv", env!("CARGO_MANIFEST_DIR"));
     let text = std::fs::read_to_string(&file).unwrap();
     let rows = text.lines().filter(|line| !line.starts_with('#')).skip(1);
@@ -18,7 +18,7 @@ fn reference(name: &str) -> Vec<[f64; 3]> {
 }
 
 /// The last of `n_beats` from rest, at each step: t, V, Ca.
-fn simulated(cycle_ms: f64, n_beats: usize, step_ms: f64) -> Vec<[f64; 3]> {
+pub fn simulated(cycle_ms: f64, n_beats: usize, step_ms: f64) -> Vec<[f64; 3]> {
     let parameters = Parameters::default();
     let membrane = Membrane::new(parameters.clone(), step_ms);
     let begin = paced(&membrane, &rest(&parameters), &STIMULUS, cycle_ms, n_beats - 1);
@@ -33,7 +33,7 @@ fn simulated(cycle_ms: f64, n_beats: usize, step_ms: f64) -> Vec<[f64; 3]> {
     rows
 }
 
-fn at(rows: &[[f64; 3]], t: f64, column: usize) -> f64 {
+pub fn at(rows: &[[f64; 3]], t: f64, column: usize) -> f64 {
     let i = rows.partition_point(|row| row[0] < t - 1e-9).min(rows.len() - 1);
     if (rows[i][0] - t).abs() < 1e-9 || i == 0 {
         return rows[i][column];
