@@ -21,7 +21,9 @@ const MUSCLE: [i32; 1] = [tags::LEFT_VENTRICLE];
 
 /// A mesh of 500 nodes for 112 mL with fibres, and its activation times.
 fn heart() -> (TetMesh, Vec<f64>) {
-    let made = generate(&EllipsoidSpec::new(Ml(112.0), Ml(140.0), 500)).expect("a mesh");
+    // A ring high enough that what its springs pull with hardly reaches the muscle.
+    let spec = EllipsoidSpec { ring_height: 0.12, ..EllipsoidSpec::new(Ml(112.0), Ml(140.0), 500) };
+    let made = generate(&spec).expect("a mesh");
     let mut mesh = made.mesh;
     let found = fields(&mesh, &MUSCLE, Longitudinal::FromBase).expect("fields");
     mesh.frames = frames(&mesh, &MUSCLE, &found, &Angles::default());
@@ -79,7 +81,7 @@ fn unloading_finds_the_geometry_that_was_inflated_to_the_image() {
     let settings = UnloadingSettings::default();
     for kind in [ElementKind::LINEAR_NODAL, ElementKind::LINEAR_POINTWISE] {
         let known = Anatomy::of(&mesh, &MUSCLE, kind).expect("an anatomy");
-        let wall = WallParameters::default();
+        let wall = WallParameters { static_rim_share: 0.1, ..WallParameters::default() };
         let mut inflated = PassiveState::unloaded_image(&known, &wall).expect("a wall");
         inflated.inflate(1.2, &settings).expect("inflates");
         let mut image = mesh.clone();
@@ -91,11 +93,13 @@ fn unloading_finds_the_geometry_that_was_inflated_to_the_image() {
         anatomy.frames = known.frames_at(&image.nodes_mm);
         let mut state = PassiveState::unloaded_image(&anatomy, &wall).expect("a wall");
         state.unload(&anatomy, &wall, 1.2, &settings).expect("unloads");
-        let farthest = (state.unloaded().iter().zip(&mesh.nodes_mm))
-            .map(|(a, b)| (0..3).map(|i| (a[i] - b[i]).powi(2)).sum::<f64>().sqrt())
-            .fold(0.0, f64::max);
-        // The rim's springs rest in the image: a rigid motion of this size is all that the two differ by.
-        assert!(farthest < 0.5, "{kind:?}: {farthest} mm");
+        let apart: Vec<f64> = (state.unloaded().iter().zip(&mesh.nodes_mm))
+            .map(|(a, b)| (0..3).map(|i| (a[i] - b[i]).powi(2)).sum::<f64>())
+            .collect();
+        let farthest = apart.iter().fold(0.0, |a: f64, b| a.max(*b)).sqrt();
+        let rms = (apart.iter().sum::<f64>() / apart.len() as f64).sqrt();
+        // The rim's springs rest in the image here, in the known geometry there: what they pull with is the difference.
+        assert!(farthest < 0.5 && rms < 0.2, "{kind:?}: {farthest} mm, rms {rms} mm");
         let known_ml = inflated.unloaded_volume_mm3() * 1e-3;
         let found_ml = state.unloaded_volume_mm3() * 1e-3;
         assert!((found_ml / known_ml - 1.0).abs() < 5e-3, "{kind:?}: {found_ml} for {known_ml} mL");
@@ -113,17 +117,16 @@ fn stiffness_and_unloaded_state_meet_image_and_end_diastole() {
         unloaded_volume_mm3: 70e3,
     };
     let settings = UnloadingSettings::default();
-    let (state, wall) = fit(&anatomy, &WallParameters::default(), &target, &settings).expect("a passive state");
+    let (mut state, wall) = fit(&anatomy, &WallParameters::default(), &target, &settings).expect("a passive state");
     assert!((state.volume_mm3() / 126e3 - 1.0).abs() < 1e-3, "{} mm³", state.volume_mm3());
     assert!((state.unloaded_volume_mm3() / 70e3 - 1.0).abs() < 0.01, "{} mm³", state.unloaded_volume_mm3());
     assert!((wall.muscle.c_kpa - state.stiffness_kpa).abs() < 1e-12);
-    let mut again = PassiveState::unloaded_image(&anatomy, &wall).expect("a wall");
-    again.unload(&anatomy, &wall, 0.8, &settings).expect("unloads");
-    assert!((again.volume_mm3() / 112e3 - 1.0).abs() < 1e-3, "the image: {} mm³", again.volume_mm3());
-    let (steeper, law) = stiffened(&anatomy, &wall, &state, 2.0, &settings).expect("another law");
-    assert!((law.muscle.b_f / wall.muscle.b_f - 2.0).abs() < 1e-12);
+    let (steeper, law) = stiffened(&anatomy, &wall, &state, 1.5, &settings).expect("another law");
+    assert!((law.muscle.b_f / wall.muscle.b_f - 1.5).abs() < 1e-12);
     assert!((steeper.volume_mm3() / state.volume_mm3() - 1.0).abs() < 1e-3, "{} mm³", steeper.volume_mm3());
     assert_eq!(steeper.unloaded(), state.unloaded());
+    state.inflate(0.8, &settings).expect("lets air out");
+    assert!((state.volume_mm3() / 112e3 - 1.0).abs() < 1e-3, "the image: {} mm³", state.volume_mm3());
     let klotz = PassiveFit::Unloaded { end_diastolic_pressure_kpa: 1.6, unloaded_volume_mm3: 90e3 };
     let (state, _) =
         fit(&anatomy, &WallParameters::default(), &klotz, &UnloadingSettings::default()).expect("a passive state");

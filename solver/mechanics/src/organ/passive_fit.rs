@@ -250,7 +250,7 @@ fn fit_stiffness(
         let volume = match (volume_mm3(&fitted), last) {
             (Ok(found), _) => found,
             // Too far in one go, or beyond what holds the load at all: half the way, as long as that is a way.
-            (Err(_), Some(last)) if (ln_c - last).abs() > 0.2 => {
+            (Err(_), Some(last)) if (ln_c - last).abs() > 0.02 => {
                 ln_c = 0.5 * (ln_c + last);
                 continue;
             }

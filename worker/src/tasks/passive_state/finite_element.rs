@@ -172,14 +172,14 @@ fn fitted(
 /// A mesh with the law that was fitted on it.
 struct Built {
     mesh: TetMesh,
-    /// Activation times of its nodes [ms].
+    /// Activation times of its nodes \[ms\].
     times: Vec<f64>,
     degrees_of_freedom: usize,
     state: PassiveState,
     wall: WallParameters,
     /// Factor of all exponents.
     exponent_factor: f64,
-    /// Of mesh and fit [s].
+    /// Of mesh and fit \[s\].
     seconds: [f64; 2],
 }
 
