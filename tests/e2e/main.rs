@@ -4,6 +4,7 @@
 mod afterload;
 mod damage;
 mod discover;
+mod finite_element;
 mod fits;
 mod output;
 mod requests;

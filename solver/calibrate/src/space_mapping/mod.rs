@@ -3,7 +3,7 @@
 //! Sources: space mapping, Bandler et al. 1994, IEEE Trans. Microwave Theory Tech. 42:2536, in its form with output
 //! correction; that correction's change with the parameters from all runs, as in manifold mapping, Echeverría and Hemker
 //! 2005, Comput. Methods Appl. Math. 5:107; the trust region of approximation management, Alexandrov et al. 1998, Struct.
-//! Optim. 15:16. Equations are in docs/step1.md. [`propose`] is told all runs and answers alike for the same ones.
+//! Optim. 15:16. Equations are in docs/step1.md. [`propose()`] is told all runs and answers alike for the same ones.
 
 mod correction;
 mod minimise;
