@@ -372,10 +372,13 @@ pub fn step(
         }
         let start = candidate.motion.u.clone();
         let start_kpa = candidate.pressure_kpa;
-        let lengths = x.as_chunks::<3>().0.iter().map(|x| x[0].hypot(x[1]).hypot(x[2]));
-        let mut farthest = [lengths.fold(0.0, f64::max)];
-        dynamics.comm.max(&mut farthest);
-        let mut share = (settings.farthest_mm / farthest[0]).min(1.0);
+        let mut share = 1.0;
+        if settings.farthest_mm.is_finite() {
+            let lengths = x.as_chunks::<3>().0.iter().map(|x| x[0].hypot(x[1]).hypot(x[2]));
+            let mut farthest = [lengths.fold(0.0, f64::max)];
+            dynamics.comm.max(&mut farthest);
+            share = (settings.farthest_mm / farthest[0]).min(1.0);
+        }
         for halving in 0.. {
             for k in 0..n {
                 candidate.motion.u[k] = start[k] - share * x[k];

@@ -3,14 +3,14 @@
 //! 373:113506: the shorter the step, the more so.
 
 use super::meshes::cuboid;
-use cardiotwin_mechanics::body::{Body, BodyInput, Deformation};
+use cardiotwin_mechanics::body::Deformation;
 use cardiotwin_mechanics::boundary::PressureSurface;
 use cardiotwin_mechanics::dynamics::{Candidate, Dynamics, State, SurfaceLoad};
 use cardiotwin_mechanics::element::BATCH;
-use cardiotwin_mechanics::element::kernel::{ActivePoint, VolumeChange};
+use cardiotwin_mechanics::element::kernel::ActivePoint;
 use cardiotwin_mechanics::material::{ActiveLaw, Guccione, Law, Tissue, Volumetric, VolumetricLaw};
 use cardiotwin_mechanics::newton::LinearSolver;
-use cardiotwin_mechanics::parallel::{Layout, SingleProcess};
+use cardiotwin_mechanics::parallel::SingleProcess;
 use cardiotwin_mechanics::step::{Closure, PointStress, Solver, StepSettings, step};
 use cardiotwin_mechanics::time_integration::GeneralisedAlpha;
 use cardiotwin_models::contraction::{Contraction, ContractionError, Land2017, Land2017Parameters, NodeStep};
@@ -111,18 +111,7 @@ pub fn contract(load: Load, coupling: Coupling, dt_ms: f64, end_ms: f64) -> Vec<
         // Next to no inertia, which would hide the instability.
         density: 1e-4,
     };
-    let tissue_of = vec![0; mesh.tets.len()];
-    let input = BodyInput {
-        nodes: &mesh.nodes,
-        n_vertices: mesh.nodes.len(),
-        tets: &mesh.tets,
-        tissues: vec![tissue],
-        tissue_of: &tissue_of,
-        frame: &|_, _| [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
-        volume: VolumeChange::Nodal { pointwise_share: 0.05 },
-        layout: Layout::whole(mesh.nodes.len()),
-    };
-    let body = Body::linear(&input, &SingleProcess).expect("a proper mesh");
+    let body = mesh.of_one_tissue(tissue);
     let n_points = body.n_point_batches() * BATCH;
     let end = PressureSurface::new(&mesh.sides[1], body.pattern()).expect("faces");
     let mut dynamics = Dynamics::new(body, Box::new(SingleProcess), GeneralisedAlpha::with_spectral_radius(0.0));

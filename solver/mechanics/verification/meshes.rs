@@ -1,5 +1,10 @@
 //! Meshes with closed forms: a box, and shells extruded from a triangulated surface.
 
+use cardiotwin_mechanics::body::{Body, BodyInput};
+use cardiotwin_mechanics::element::kernel::VolumeChange;
+use cardiotwin_mechanics::material::Tissue;
+use cardiotwin_mechanics::parallel::{Layout, SingleProcess};
+
 /// Linear tetrahedra with the boundary triangles of each named side; triangles are seen counter-clockwise from outside.
 #[derive(Debug, Clone)]
 pub struct Mesh {
@@ -7,6 +12,24 @@ pub struct Mesh {
     pub tets: Vec<[u32; 4]>,
     /// Box: x=0, x=1, y=0, y=1, z=0, z=1. Shell: inner, outer, rim.
     pub sides: Vec<Vec<[u32; 3]>>,
+}
+
+impl Mesh {
+    /// A body of linear elements with nodal volume change, of one tissue with fibres along the first axis.
+    pub fn of_one_tissue(&self, tissue: Tissue) -> Body {
+        let tissue_of = vec![0; self.tets.len()];
+        let input = BodyInput {
+            nodes: &self.nodes,
+            n_vertices: self.nodes.len(),
+            tets: &self.tets,
+            tissues: vec![tissue],
+            tissue_of: &tissue_of,
+            frame: &|_, _| [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
+            volume: VolumeChange::Nodal { pointwise_share: 0.05 },
+            layout: Layout::whole(self.nodes.len()),
+        };
+        Body::linear(&input, &SingleProcess).expect("a proper mesh")
+    }
 }
 
 /// A box of `cells` cells an axis, six tetrahedra each, over the unit cube mapped by `place`.

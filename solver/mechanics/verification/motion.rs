@@ -1,11 +1,9 @@
 //! A block in motion under a pulse of pressure: what shows the order of the time integration.
 
-use cardiotwin_mechanics::body::{Body, BodyInput};
 use cardiotwin_mechanics::boundary::{Cavity, Robin, RobinDirection};
 use cardiotwin_mechanics::dynamics::{Candidate, Dynamics, Rayleigh, State, Support};
-use cardiotwin_mechanics::element::kernel::VolumeChange;
 use cardiotwin_mechanics::material::{Guccione, Law, Tissue, Volumetric, VolumetricLaw};
-use cardiotwin_mechanics::parallel::{Layout, SingleProcess};
+use cardiotwin_mechanics::parallel::SingleProcess;
 use cardiotwin_mechanics::step::{Closure, Passive, Solver, StepSettings, step};
 use cardiotwin_mechanics::time_integration::GeneralisedAlpha;
 
@@ -20,18 +18,7 @@ pub fn block(rho: f64, damping: Rayleigh, dashpot: f64) -> Dynamics {
         active: None,
         density: 1.06,
     };
-    let tissue_of = vec![0; mesh.tets.len()];
-    let input = BodyInput {
-        nodes: &mesh.nodes,
-        n_vertices: mesh.nodes.len(),
-        tets: &mesh.tets,
-        tissues: vec![tissue],
-        tissue_of: &tissue_of,
-        frame: &|_, _| [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
-        volume: VolumeChange::Nodal { pointwise_share: 0.05 },
-        layout: Layout::whole(mesh.nodes.len()),
-    };
-    let body = Body::linear(&input, &SingleProcess).expect("a proper mesh");
+    let body = mesh.of_one_tissue(tissue);
     let robin = Robin::new(&mesh.sides[4], RobinDirection::All, body.reference(), body.pattern()).expect("faces");
     let cavity = Cavity::new(&mesh.sides[5], vec![], &[], body.reference(), body.pattern()).expect("faces");
     let mut dynamics = Dynamics::new(body, Box::new(SingleProcess), GeneralisedAlpha::with_spectral_radius(rho));

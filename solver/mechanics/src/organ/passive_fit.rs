@@ -109,22 +109,18 @@ pub fn stiffened(
     }
     // Where the fibres' strain is what the law was fitted at, exponents and scale trade off nearly so.
     start.muscle.c_kpa /= factor * factor;
-    let mut found = None;
-    let mut work = (before.newton_iterations, before.passes);
+    let from_unloaded = |wall: &WallParameters, newton_iterations| {
+        let state = PassiveState::at(anatomy, wall, before.unloaded(), before.anchor().to_vec())?;
+        Ok::<_, PassiveStateError>(state.after(newton_iterations, before.passes))
+    };
+    let mut state = from_unloaded(&start, before.newton_iterations)?;
     let fitted = fit_stiffness(&start, wanted, false, settings.volume_tolerance, |wall| {
-        let mut next =
-            PassiveState::at(anatomy, wall, before.unloaded(), before.anchor().to_vec())?.after(work.0, work.1);
+        let mut next = from_unloaded(wall, state.newton_iterations)?;
         next.inflate(pressure_kpa, settings)?;
-        let volume = next.volume_mm3();
-        work.0 = next.newton_iterations;
-        found = Some(next);
-        Ok(volume)
+        state = next;
+        Ok(state.volume_mm3())
     })?;
-    found.map(|state| (state, fitted)).ok_or(PassiveStateError::NotUnloaded {
-        passes: work.1,
-        volume_error: f64::NAN,
-        distance_mm: f64::NAN,
-    })
+    Ok((state, fitted))
 }
 
 /// Stiffness and factor of the exponents for which end-diastolic and unloaded volume are `wanted`: Broyden's method in the
