@@ -8,7 +8,7 @@
 use crate::body::{Body, Deformation};
 use crate::boundary::{Cavity, PressureSurface, Robin};
 use crate::element::kernel::ActivePoint;
-use crate::linear::{NO_SLOT, Tangent};
+use crate::linear::Assembled;
 use crate::newton::Smallest;
 use crate::parallel::{Communicator, Space};
 use crate::time_integration::{GeneralisedAlpha, Motion};
@@ -265,7 +265,7 @@ impl Dynamics {
         candidate: &Candidate,
         force: &mut [f64],
         r: &mut [f64],
-        tangent: &mut Tangent,
+        tangent: &mut dyn Assembled,
     ) {
         force.fill(0.0);
         let velocity_rate = self.scheme.velocity_rate(dt_ms);
@@ -294,13 +294,8 @@ impl Dynamics {
         }
         let inertia = (1.0 - self.scheme.alpha_m) * self.scheme.acceleration_rate(dt_ms)
             + (1.0 - alpha_f) * self.damping.mass_per_ms * velocity_rate;
-        for row in 0..tangent.stiffness.pattern.n_rows() {
-            let slot = tangent.stiffness.pattern.slot(row as u32, row as u32);
-            if slot != NO_SLOT {
-                for i in [0, 4, 8] {
-                    tangent.stiffness.blocks[slot as usize][i] += inertia * self.mass[row];
-                }
-            }
+        for row in 0..tangent.pattern().n_rows() {
+            tangent.add_to_diagonal(row, inertia * self.mass[row]);
         }
         self.weigh(now, candidate, force, r);
         if !self.fixed.is_empty() {

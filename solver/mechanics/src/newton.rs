@@ -2,8 +2,8 @@
 //! against every rise of the residual.
 
 use crate::linear::{
-    BlockJacobi, Direct, DirectError, KrylovEnding, KrylovReport, KrylovSettings, Preconditioner, SymmetricSweep,
-    Tangent, conjugate_gradients, gmres,
+    Assembled as _, BlockJacobi, Direct, DirectError, KrylovEnding, KrylovReport, KrylovSettings, Preconditioner,
+    SymmetricSweep, Tangent, conjugate_gradients, gmres,
 };
 use crate::parallel::Space;
 

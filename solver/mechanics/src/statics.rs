@@ -3,7 +3,7 @@
 use crate::body::{Body, Deformation};
 use crate::boundary::{PressureSurface, Robin};
 use crate::element::kernel::ActivePoint;
-use crate::linear::Tangent;
+use crate::linear::{Assembled as _, Tangent};
 use crate::newton::{NewtonError, NewtonReport, NewtonSettings, Smallest, System, Workspace, solve};
 use crate::parallel::{Communicator, Space};
 

@@ -12,8 +12,8 @@ use crate::body::Deformation;
 use crate::dynamics::{Candidate, Dynamics, State};
 use crate::element::kernel::ActivePoint;
 use crate::linear::{
-    BlockJacobi, Direct, DirectError, KrylovEnding, KrylovSettings, Preconditioner, SymmetricSweep, Tangent,
-    conjugate_gradients, gmres,
+    Assembled, BlockJacobi, Direct, DirectError, KrylovEnding, KrylovSettings, Operator, PackedTangent, Preconditioner,
+    SymmetricSweep, Tangent, conjugate_gradients, gmres,
 };
 use crate::newton::{LinearSolver, Smallest};
 use crate::parallel::Space;
@@ -160,25 +160,52 @@ pub enum StepError {
     Contraction(#[from] ContractionError),
 }
 
-/// A right-hand side, where the solution begins and ends up, and the relative tolerance.
-type Side<'a> = (&'a [f64], &'a mut Vec<f64>, f64);
-
 /// Matrices and vectors that outlive a step.
 #[derive(Debug)]
 pub struct Solver {
-    /// The tangent.
-    pub tangent: Tangent,
+    matrix: Option<Matrix>,
     direct: Option<Direct>,
     stale: bool,
     /// Last solution of `K y = q`: a good start for the next.
     response: Vec<f64>,
+    /// Whether the last step was at its end where it was predicted: the next one may be, too.
+    predicted: bool,
+}
+
+/// The tangent, in the storage that the linear solver asks for.
+#[derive(Debug)]
+enum Matrix {
+    Full(Tangent),
+    Packed(PackedTangent),
+}
+
+impl Matrix {
+    fn new(dynamics: &Dynamics, linear: LinearSolver) -> Self {
+        let packed = if linear == LinearSolver::BlockJacobi { dynamics.body.new_packed_tangent() } else { None };
+        packed.map_or_else(|| Self::Full(dynamics.body.new_tangent()), Self::Packed)
+    }
+
+    fn assembled(&mut self) -> &mut dyn Assembled {
+        match self {
+            Self::Full(tangent) => tangent,
+            Self::Packed(tangent) => tangent,
+        }
+    }
+
+    /// The smallest relative residual that its precision allows.
+    fn least_tolerance(&self) -> f64 {
+        match self {
+            Self::Full(_) => 1e-10,
+            Self::Packed(_) => 1e-5,
+        }
+    }
 }
 
 impl Solver {
-    /// A workspace for `dynamics`.
+    /// A workspace for steps of `dynamics`, always with the same linear solver.
     #[must_use]
-    pub fn new(dynamics: &Dynamics) -> Self {
-        Self { tangent: dynamics.body.new_tangent(), direct: None, stale: true, response: vec![] }
+    pub fn new() -> Self {
+        Self { matrix: None, direct: None, stale: true, response: vec![], predicted: false }
     }
 
     /// Where the next solve for the response to pressure begins; empty before the first.
@@ -196,88 +223,156 @@ impl Solver {
     /// Forgets what was kept from step to step: the next step then depends on its start alone.
     pub fn forget(&mut self) {
         self.stale = true;
+        self.predicted = false;
         self.response.clear();
     }
 
-    /// Solves with a preconditioner made anew or kept.
-    fn solve(
+    /// Linearises at a complete candidate.
+    fn linearise(
         &mut self,
         dynamics: &Dynamics,
-        sides: &mut [Side<'_>],
-        settings: &StepSettings,
-        report: &mut StepReport,
-    ) -> Result<(), StepError> {
-        let space = dynamics.space();
-        let (jacobi, sweep);
-        let preconditioner: &dyn Preconditioner = match settings.linear {
-            LinearSolver::Direct => {
-                let fresh = self.stale || self.direct.is_none();
-                self.factorise(dynamics, report)?;
-                let kept = self.direct.as_ref().expect("made above");
-                let before = report.krylov_iterations;
-                let solved = krylov(space, &self.tangent, kept, sides, settings, settings.keep_until, report);
-                if solved.is_ok() {
-                    self.stale = report.krylov_iterations - before > settings.keep_until;
-                    return Ok(());
-                }
-                if !fresh {
-                    self.stale = true;
-                    self.factorise(dynamics, report)?;
-                }
-                self.direct.as_ref().expect("made above")
-            }
-            LinearSolver::BlockJacobi => {
-                jacobi = BlockJacobi::new(&self.tangent);
-                &jacobi
-            }
-            LinearSolver::SymmetricSweep => {
-                sweep = SymmetricSweep::new(&self.tangent);
-                &sweep
-            }
-        };
-        krylov(space, &self.tangent, preconditioner, sides, settings, settings.krylov.max_iterations, report)
+        dt_ms: f64,
+        (now, candidate): (&State, &Candidate),
+        (force, r): (&mut [f64], &mut [f64]),
+        linear: LinearSolver,
+    ) {
+        let matrix = self.matrix.get_or_insert_with(|| Matrix::new(dynamics, linear));
+        dynamics.linearise(dt_ms, now, candidate, force, r, matrix.assembled());
     }
 
-    /// Factorises the tangent, unless a factorisation is kept.
-    fn factorise(&mut self, dynamics: &Dynamics, report: &mut StepReport) -> Result<(), StepError> {
-        if self.direct.is_none() {
-            self.direct = Some(Direct::new(&self.tangent, dynamics.body.reference())?);
-            self.stale = true;
-        }
-        if let (Some(direct), true) = (&mut self.direct, self.stale) {
-            direct.factorise(&self.tangent)?;
-            self.stale = false;
-            report.factorisations += 1;
-        }
-        Ok(())
+    /// A linear solver for the tangent as it is now.
+    fn prepare<'a>(
+        &'a mut self,
+        dynamics: &'a Dynamics,
+        settings: &'a StepSettings,
+        report: &mut StepReport,
+    ) -> Result<Linear<'a>, StepError> {
+        let matrix = match self.matrix.as_ref().expect("linearised before") {
+            Matrix::Full(tangent) if settings.linear == LinearSolver::Direct => {
+                if self.direct.is_none() {
+                    self.direct = Some(Direct::new(tangent, dynamics.body.reference())?);
+                    self.stale = true;
+                }
+                let direct = self.direct.as_mut().expect("made above");
+                let mut fresh = false;
+                if self.stale {
+                    direct.factorise(tangent)?;
+                    report.factorisations += 1;
+                    self.stale = false;
+                    fresh = true;
+                }
+                let kept = Kept { direct, stale: &mut self.stale, fresh };
+                return Ok(Linear {
+                    dynamics,
+                    settings,
+                    least: 1e-10,
+                    operator: tangent,
+                    by: By::Direct(kept, tangent),
+                });
+            }
+            matrix => matrix,
+        };
+        let least = matrix.least_tolerance();
+        let (operator, by): (&dyn Operator, By<'a>) = match matrix {
+            Matrix::Full(tangent) if settings.linear == LinearSolver::SymmetricSweep => {
+                (tangent, By::Sweep(SymmetricSweep::new(tangent)))
+            }
+            Matrix::Full(tangent) => (tangent, By::Jacobi(BlockJacobi::new(tangent))),
+            Matrix::Packed(tangent) => (tangent, By::Jacobi(BlockJacobi::new(tangent))),
+        };
+        Ok(Linear { dynamics, settings, least, operator, by })
     }
 }
 
-/// Solves for each right-hand side by conjugate gradients, and by GMRES where those stop at an indefinite matrix.
+impl Default for Solver {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+/// A factorisation that is kept until it serves badly.
+struct Kept<'a> {
+    direct: &'a mut Direct,
+    stale: &'a mut bool,
+    fresh: bool,
+}
+
+enum By<'a> {
+    Direct(Kept<'a>, &'a Tangent),
+    Jacobi(BlockJacobi),
+    Sweep(SymmetricSweep<'a>),
+}
+
+/// The linear systems of one iteration of Newton's method.
+struct Linear<'a> {
+    dynamics: &'a Dynamics,
+    settings: &'a StepSettings,
+    least: f64,
+    operator: &'a dyn Operator,
+    by: By<'a>,
+}
+
+impl Linear<'_> {
+    /// `K x = b` from `x`, to a relative residual of `tolerance`, or what the matrix's precision allows.
+    fn solve(&mut self, b: &[f64], x: &mut [f64], tolerance: f64, report: &mut StepReport) -> Result<(), StepError> {
+        let space = self.dynamics.space();
+        let limits = KrylovSettings { relative_tolerance: tolerance.max(self.least), ..self.settings.krylov };
+        match &mut self.by {
+            By::Jacobi(m) => krylov(space, self.operator, m, b, x, &limits, report),
+            By::Sweep(m) => krylov(space, self.operator, m, b, x, &limits, report),
+            By::Direct(kept, tangent) => {
+                let short = KrylovSettings { max_iterations: self.settings.keep_until, ..limits };
+                let before = report.krylov_iterations;
+                if krylov(space, self.operator, &*kept.direct, b, x, &short, report).is_ok() {
+                    *kept.stale |= report.krylov_iterations - before > self.settings.keep_until;
+                    return Ok(());
+                }
+                if !kept.fresh {
+                    kept.direct.factorise(tangent)?;
+                    report.factorisations += 1;
+                    kept.fresh = true;
+                    *kept.stale = false;
+                }
+                krylov(space, self.operator, &*kept.direct, b, x, &limits, report)
+            }
+        }
+    }
+
+    /// Norm of `b − K x`.
+    fn residual_norm(&self, b: &[f64], x: &mut [f64]) -> f64 {
+        let space = self.dynamics.space();
+        let mut r = vec![0.0; b.len()];
+        self.operator.multiply(space, x, &mut r);
+        r.iter_mut().zip(b).for_each(|(r, b)| *r = b - *r);
+        space.norm(&r)
+    }
+}
+
+/// Conjugate gradients, and GMRES where those stop at an indefinite matrix.
 fn krylov(
     space: Space<'_>,
-    tangent: &Tangent,
+    operator: &dyn Operator,
     preconditioner: &dyn Preconditioner,
-    sides: &mut [Side<'_>],
-    settings: &StepSettings,
-    max_iterations: usize,
+    b: &[f64],
+    x: &mut [f64],
+    limits: &KrylovSettings,
     report: &mut StepReport,
 ) -> Result<(), StepError> {
-    for (b, x, tolerance) in sides.iter_mut() {
-        let limits = KrylovSettings { relative_tolerance: *tolerance, max_iterations, ..settings.krylov };
-        let mut done = conjugate_gradients(space, tangent, preconditioner, b, x, &limits);
+    let mut done = conjugate_gradients(space, operator, preconditioner, b, x, limits);
+    report.krylov_iterations += done.iterations;
+    if done.ending != KrylovEnding::Converged {
+        done = gmres(space, operator, preconditioner, b, x, limits);
         report.krylov_iterations += done.iterations;
-        if done.ending != KrylovEnding::Converged {
-            done = gmres(space, tangent, preconditioner, b, x, &limits);
-            report.krylov_iterations += done.iterations;
-        }
-        if !(done.relative_residual < (10.0 * *tolerance).min(0.1)) {
-            let (iterations, relative_residual) = (done.iterations, done.relative_residual);
-            return Err(StepError::Linear { iterations, relative_residual });
-        }
+    }
+    if !(done.relative_residual < (10.0 * limits.relative_tolerance).min(0.1)) {
+        let (iterations, relative_residual) = (done.iterations, done.relative_residual);
+        return Err(StepError::Linear { iterations, relative_residual });
     }
     Ok(())
 }
+
+/// Loosest relative residual of a linear solve.
+const LOOSEST: f64 = 0.1;
 
 /// Takes a step of `dt_ms` from `now`. `candidate` is the end on success: its displacement and pressure are where Newton
 /// starts (see [`crate::time_integration::GeneralisedAlpha::predict`]). Returns the forces there too. Collective.
@@ -316,12 +411,16 @@ pub fn step(
     let (mut force, mut r) = (vec![0.0; n], vec![0.0; n]);
     let (mut column, mut row) = (vec![], vec![]);
     let mut x = vec![0.0; n];
-    let mut last_change_kpa = settings.least_pressure_kpa;
+    // Forces alone cost a fraction of the tangent: it is made where it is needed.
+    let mut linearised = !solver.predicted;
+    if linearised {
+        solver.linearise(dynamics, dt_ms, (now, candidate), (&mut force, &mut r), settings.linear);
+    } else {
+        dynamics.residual(now, candidate, &mut force, &mut r);
+    }
     loop {
-        dynamics.linearise(dt_ms, now, candidate, &mut force, &mut r, &mut solver.tangent);
         dynamics.pressure_column(candidate, &mut column);
         let norm = space.norm(&r);
-        let unit = space.norm(&column);
         let scale = dynamics.force_scale(candidate, &column, &force, settings.least_pressure_kpa);
         report.relative_residual = norm / scale;
         let volume = dynamics.cavity_volume(&candidate.motion.u);
@@ -335,41 +434,48 @@ pub fn step(
         if report.relative_residual <= settings.relative_tolerance
             && report.volume_residual_mm3.abs() <= settings.volume_tolerance_mm3
         {
+            solver.predicted = report.iterations == 0;
             return Ok((force, report));
         }
         if report.iterations >= settings.max_iterations {
             let StepReport { iterations, relative_residual, volume_residual_mm3, .. } = report;
             return Err(StepError::NotConverged { iterations, relative_residual, volume_residual_mm3 });
         }
+        if !linearised {
+            solver.linearise(dynamics, dt_ms, (now, candidate), (&mut force, &mut r), settings.linear);
+        }
         let wanted = settings.relative_tolerance * scale;
+        let tolerance = (0.3 * wanted / norm).clamp(1e-10, LOOSEST);
+        let mut y = std::mem::take(&mut solver.response);
+        let mut linear = solver.prepare(dynamics, settings, &mut report)?;
         x.fill(0.0);
-        let tolerance = (0.3 * wanted / norm).clamp(1e-10, 0.01);
+        linear.solve(&r, &mut x, tolerance, &mut report)?;
         let mut change_kpa = 0.0;
-        match closure {
-            Closure::Pressure(_) => {
-                solver.solve(dynamics, &mut [(&r, &mut x, tolerance)], settings, &mut report)?;
+        if let Closure::Balance(balance) = closure {
+            dynamics.volume_row(candidate, &mut row);
+            let along = space.dot(&row, &x);
+            let mut change = |y: &[f64]| -> Result<f64, StepError> {
+                let compliance = -space.dot(&row, y);
+                Ok(solve_balance(volume - along, compliance, candidate.pressure_kpa, &mut **balance)?
+                    - candidate.pressure_kpa)
+            };
+            let unit = space.norm(&column);
+            if y.len() != n {
+                y = vec![0.0; n];
+                linear.solve(&column, &mut y, 0.01, &mut report)?;
             }
-            Closure::Balance(balance) => {
-                let mut y = std::mem::take(&mut solver.response);
-                y.resize(n, 0.0);
-                let of_column = (0.3 * wanted / (unit * last_change_kpa)).clamp(1e-10, 0.01);
-                solver.solve(
-                    dynamics,
-                    &mut [(&r, &mut x, tolerance), (&column, &mut y, of_column)],
-                    settings,
-                    &mut report,
-                )?;
-                dynamics.volume_row(candidate, &mut row);
-                let (along, compliance) = (space.dot(&row, &x), -space.dot(&row, &y));
-                let target = solve_balance(volume - along, compliance, candidate.pressure_kpa, &mut **balance)?;
-                change_kpa = target - candidate.pressure_kpa;
-                last_change_kpa = change_kpa.abs().max(1e-3 * settings.least_pressure_kpa);
-                for (x, y) in x.iter_mut().zip(&y) {
-                    *x += change_kpa * y;
-                }
-                solver.response = y;
+            change_kpa = change(&y)?;
+            // The response changes slowly, and is off by no more than what the change of pressure makes of its error.
+            let allowed = 0.3 * wanted / change_kpa.abs().max(1e-3 * settings.least_pressure_kpa);
+            if linear.residual_norm(&column, &mut y) > allowed {
+                linear.solve(&column, &mut y, (0.5 * allowed / unit).clamp(1e-10, LOOSEST), &mut report)?;
+                change_kpa = change(&y)?;
+            }
+            for (x, y) in x.iter_mut().zip(&y) {
+                *x += change_kpa * y;
             }
         }
+        solver.response = y;
         let start = candidate.motion.u.clone();
         let start_kpa = candidate.pressure_kpa;
         let mut share = 1.0;
@@ -396,6 +502,8 @@ pub fn step(
         }
         stress.evaluate(dt_ms, &candidate.deformation, &mut candidate.active)?;
         report.iterations += 1;
+        dynamics.residual(now, candidate, &mut force, &mut r);
+        linearised = false;
     }
 }
 

@@ -4,6 +4,7 @@
 mod verification;
 
 use cardiotwin_mechanics::dynamics::{Candidate, Dynamics, Rayleigh, State};
+use cardiotwin_mechanics::linear::Operator as _;
 use cardiotwin_mechanics::newton::LinearSolver;
 use cardiotwin_mechanics::step::{Closure, Passive, Solver, StepSettings, step};
 use verification::motion::{at_rest, block, errors_in_time, run};
@@ -129,7 +130,7 @@ fn a_step_finds_the_pressure_for_a_volume_with_every_linear_solver() {
             let below = (volume + 30.0 - 5.0 * p, -5.0);
             Ok(if p < 0.2 { below } else { (below.0 - 4000.0 * (p - 0.2), -4005.0) })
         };
-        let mut solver = Solver::new(&dynamics);
+        let mut solver = Solver::new();
         let (_, report) = step(
             &dynamics,
             &now,

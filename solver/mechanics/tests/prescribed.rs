@@ -3,6 +3,7 @@
 #[path = "../verification/mod.rs"]
 mod verification;
 
+use cardiotwin_mechanics::linear::Operator as _;
 use cardiotwin_mechanics::parallel::{SingleProcess, Space};
 use verification::beat::{ETA_KPA_MS, beat, body, deform};
 

@@ -7,6 +7,7 @@ use cardiotwin_mechanics::body::{Body, BodyInput};
 use cardiotwin_mechanics::boundary::{PressureSurface, Robin, RobinDirection};
 use cardiotwin_mechanics::element::kernel::VolumeChange;
 use cardiotwin_mechanics::linear::KrylovSettings;
+use cardiotwin_mechanics::linear::Operator as _;
 use cardiotwin_mechanics::material::{Law, NeoHookean, Tissue, Volumetric, VolumetricLaw};
 use cardiotwin_mechanics::newton::{LinearSolver, NewtonSettings};
 use cardiotwin_mechanics::parallel::{Layout, SingleProcess, Space};

@@ -153,7 +153,7 @@ pub fn beat() -> Vec<Balance> {
     let points = |t: f64| vec![ActivePoint { sa_kpa: [stress.at(t); 8], slope_kpa: [0.0; 8] }; n_points];
     let settings = StepSettings { relative_tolerance: 1e-8, max_iterations: 20, ..StepSettings::default() };
     let mut now = dynamics.start(vec![0.0; dynamics.body.reference().len()], vec![], 0.0).expect("sound");
-    let mut solver = Solver::new(&dynamics);
+    let mut solver = Solver::new();
     let (mut work, mut muscle_work, mut lost, mut turned_over) = (0.0, 0.0, 0.0, 0.0);
     let dt = 1.0;
     let mut rows = vec![];

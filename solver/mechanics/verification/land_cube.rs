@@ -134,7 +134,7 @@ pub fn contract(load: Load, coupling: Coupling, dt_ms: f64, end_ms: f64) -> Vec<
         next: ones,
     };
     let mut now: State = dynamics.start(vec![0.0; dynamics.body.reference().len()], vec![], 0.0).expect("sound");
-    let mut solver = Solver::new(&dynamics);
+    let mut solver = Solver::new();
     let settings = StepSettings {
         relative_tolerance: 1e-7,
         linear: LinearSolver::Direct,

@@ -39,7 +39,7 @@ pub fn tight() -> StepSettings {
 /// The states at the ends of `n` steps to `end_ms` under a pressure in time, the start first.
 pub fn run(dynamics: &Dynamics, n: usize, end_ms: f64, pressure: impl Fn(f64) -> f64, now: State) -> Vec<State> {
     let dt = end_ms / n as f64;
-    let mut solver = Solver::new(dynamics);
+    let mut solver = Solver::new();
     let mut states = vec![now];
     for k in 1..=n {
         let now = &states[k - 1];

@@ -9,7 +9,7 @@ use pulp::Arch;
 use crate::element::batch::{ElementError, Frame, batches};
 use crate::element::kernel::{ActivePoint, VolumeChange};
 use crate::element::{BATCH, Eight};
-use crate::linear::{BlockCsr, Coupling, Pattern, Tangent};
+use crate::linear::{Assembled, BlockCsr, Coupling, PackedTangent, Pattern, Tangent};
 use crate::material::{MaterialError, Tissue, VolumetricLaw};
 use crate::parallel::{Communicator, Layout};
 use passes::{Elements, Field, Moving, Pass};
@@ -251,6 +251,13 @@ impl Body {
         }
     }
 
+    /// Zeros in single precision; `None` for quadratic elements.
+    #[must_use]
+    pub fn new_packed_tangent(&self) -> Option<PackedTangent> {
+        let every_node_is_a_vertex = self.vertices.is_empty() || self.vertices.len() == self.n_nodes();
+        (every_node_is_a_vertex && self.elements.n_points() == 1).then(|| PackedTangent::zeros(self.pattern.clone()))
+    }
+
     fn pass<'a>(&'a self, displacement: &'a [f64], active: &'a [ActivePoint], deformation: &'a [f64]) -> Pass<'a> {
         Pass {
             arch: self.arch,
@@ -374,7 +381,7 @@ impl Body {
         active: &[ActivePoint],
         deformation: &Deformation,
         force: &mut [f64],
-        tangent: &mut Tangent,
+        tangent: &mut dyn Assembled,
     ) {
         self.tangent_in_motion(displacement, (&[], 0.0), active, deformation, force, tangent);
     }
@@ -388,13 +395,12 @@ impl Body {
         active: &[ActivePoint],
         deformation: &Deformation,
         force: &mut [f64],
-        tangent: &mut Tangent,
+        tangent: &mut dyn Assembled,
     ) {
-        tangent.clear();
-        tangent.bulk.copy_from_slice(&deformation.nodal_slope);
+        tangent.clear(&deformation.nodal_slope);
         let mut pass = self.pass(displacement, active, &deformation.nodal_pressure);
         pass.motion = Moving { velocity, viscosity_kpa_ms: &self.viscosity_kpa_ms, velocity_rate_per_ms };
-        self.elements.tangent(&pass, force, tangent);
+        self.elements.tangent(&pass, force, tangent.sink());
     }
 }
 

@@ -8,7 +8,7 @@ use crate::element::kernel::{
     ActivePoint, Gathered, Scratch, Viscous, VolumeChange, element, pair, volume_and_stretch,
 };
 use crate::element::{BATCH, Eight};
-use crate::linear::{NO_SLOT, Pattern, Tangent};
+use crate::linear::{NO_SLOT, PackedTangent, Pattern, Sink, Tangent};
 use crate::material::Tissue;
 use crate::material::tensor::determinant;
 
@@ -52,7 +52,7 @@ pub(super) trait Elements: Send + Sync {
     fn n_points(&self) -> usize;
     fn volumes(&self, pass: &Pass<'_>, out: &mut Deformation, vertex_volume: &mut [f64]);
     fn forces(&self, pass: &Pass<'_>, force: &mut [f64]);
-    fn tangent(&self, pass: &Pass<'_>, force: &mut [f64], tangent: &mut Tangent);
+    fn tangent(&self, pass: &Pass<'_>, force: &mut [f64], tangent: Sink<'_>);
     fn lanes(&self, batch: usize) -> (usize, &[u32; BATCH]);
     fn point_weight(&self, batch: usize, point: usize) -> &Eight;
     fn vertex_shape(&self, point: usize) -> [f64; 4];
@@ -160,7 +160,7 @@ struct Assembly<'a, const N: usize, const Q: usize, const TANGENT: bool>(
     &'a Field<N, Q>,
     &'a Pass<'a>,
     &'a mut [f64],
-    Option<&'a mut Tangent>,
+    Option<Sink<'a>>,
 );
 
 impl<const N: usize, const Q: usize, const TANGENT: bool> WithSimd for Assembly<'_, N, Q, TANGENT> {
@@ -212,8 +212,10 @@ impl<const N: usize, const Q: usize, const TANGENT: bool> WithSimd for Assembly<
                     }
                 }
             }
-            if let Some(tangent) = tangent.as_deref_mut() {
-                field.scatter(idx, batch.n, &scratch, tangent);
+            match &mut tangent {
+                Some(Sink::Full(tangent)) => field.scatter(idx, batch.n, &scratch, tangent),
+                Some(Sink::Packed(tangent)) => field.scatter_packed(idx, batch.n, &scratch, tangent),
+                None => {}
             }
         }
     }
@@ -266,6 +268,40 @@ impl<const N: usize, const Q: usize> Field<N, Q> {
     }
 }
 
+impl<const N: usize, const Q: usize> Field<N, Q> {
+    /// For linear elements.
+    #[inline(always)]
+    fn scatter_packed(&self, idx: usize, n_lanes: usize, scratch: &Scratch<N>, tangent: &mut PackedTangent) {
+        let slots = &self.slots[idx * N..(idx + 1) * N];
+        let nodal = !self.coupling_slots.is_empty();
+        let blocks = tangent.blocks_mut();
+        for lane in 0..n_lanes {
+            for a in 0..N {
+                for b in 0..N {
+                    let slot = slots[a][b][lane];
+                    if slot == NO_SLOT {
+                        continue;
+                    }
+                    let from = &scratch.stiffness[pair(N, a.min(b), a.max(b))];
+                    let to = &mut blocks[slot as usize];
+                    for j in 0..3 {
+                        for i in 0..3 {
+                            let k = if a <= b { 3 * i + j } else { 3 * j + i };
+                            to[j][i] += from[k][lane] as f32;
+                        }
+                    }
+                    if nodal {
+                        for i in 0..3 {
+                            to[i][3] += scratch.coupling[b][a][i][lane] as f32;
+                            to[3][i] += scratch.coupling[a][b][i][lane] as f32;
+                        }
+                    }
+                }
+            }
+        }
+    }
+}
+
 impl<const N: usize, const Q: usize> Elements for Field<N, Q> {
     fn n_batches(&self) -> usize {
         self.batches.len()
@@ -279,7 +315,7 @@ impl<const N: usize, const Q: usize> Elements for Field<N, Q> {
     fn forces(&self, pass: &Pass<'_>, force: &mut [f64]) {
         pass.arch.dispatch(Assembly::<N, Q, false>(self, pass, force, None));
     }
-    fn tangent(&self, pass: &Pass<'_>, force: &mut [f64], tangent: &mut Tangent) {
+    fn tangent(&self, pass: &Pass<'_>, force: &mut [f64], tangent: Sink<'_>) {
         pass.arch.dispatch(Assembly::<N, Q, true>(self, pass, force, Some(tangent)));
     }
     fn lanes(&self, batch: usize) -> (usize, &[u32; BATCH]) {

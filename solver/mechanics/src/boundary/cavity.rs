@@ -2,7 +2,7 @@
 
 use super::SurfaceError;
 use super::pressure::{Faces, PressureSurface, cross};
-use crate::linear::{Pattern, Tangent};
+use crate::linear::{Assembled, Pattern};
 
 /// What holds the pressure that acts on the caps.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -140,7 +140,7 @@ impl Cavity {
 
     /// Adds the derivative of [`Self::add_forces`] \[mN/mm\]: its symmetric part on the wall. What is left out, the change of
     /// the caps' area and an unsymmetric part at the edge of the opening, is of the order of the load on the rim alone.
-    pub fn add_tangent(&self, pressure: f64, reference: &[f64], displacement: &[f64], tangent: &mut Tangent) {
+    pub fn add_tangent(&self, pressure: f64, reference: &[f64], displacement: &[f64], tangent: &mut dyn Assembled) {
         self.wall.add_symmetric_tangent(pressure, reference, displacement, tangent);
     }
 

@@ -1,7 +1,7 @@
 //! Pressure that follows the deformed surface, and the volume behind it.
 
 use crate::element::shape::{triangle, triangle_rule};
-use crate::linear::{NO_SLOT, Pattern, Tangent};
+use crate::linear::{Assembled, NO_SLOT, Pattern};
 
 /// A surface that cannot carry a load.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -137,12 +137,18 @@ impl PressureSurface {
     }
 
     /// Adds the derivative of [`Self::add_forces`] with respect to displacement \[mN/mm\].
-    pub fn add_tangent(&self, pressure: f64, reference: &[f64], displacement: &[f64], tangent: &mut Tangent) {
+    pub fn add_tangent(&self, pressure: f64, reference: &[f64], displacement: &[f64], tangent: &mut dyn Assembled) {
         self.add_tangent_part(pressure, reference, displacement, tangent, false);
     }
 
     /// As [`Self::add_tangent`], the symmetric part alone: the whole one for a closed surface.
-    pub fn add_symmetric_tangent(&self, pressure: f64, reference: &[f64], displacement: &[f64], tangent: &mut Tangent) {
+    pub fn add_symmetric_tangent(
+        &self,
+        pressure: f64,
+        reference: &[f64],
+        displacement: &[f64],
+        tangent: &mut dyn Assembled,
+    ) {
         self.add_tangent_part(pressure, reference, displacement, tangent, true);
     }
 
@@ -151,7 +157,7 @@ impl PressureSurface {
         pressure: f64,
         reference: &[f64],
         displacement: &[f64],
-        tangent: &mut Tangent,
+        tangent: &mut dyn Assembled,
         symmetric: bool,
     ) {
         let n = self.faces.n_nodes;

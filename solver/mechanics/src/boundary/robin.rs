@@ -2,7 +2,7 @@
 
 use super::SurfaceError;
 use super::pressure::{Faces, cross};
-use crate::linear::{Pattern, Tangent};
+use crate::linear::{Assembled, Pattern};
 
 /// Which displacement a support resists.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -93,7 +93,7 @@ impl Robin {
     }
 
     /// Adds `k A` to `tangent`.
-    pub fn add_tangent(&self, k: f64, tangent: &mut Tangent) {
+    pub fn add_tangent(&self, k: f64, tangent: &mut dyn Assembled) {
         for e in &self.entries {
             tangent.add_block(e.slot, &e.block.map(|b| k * b));
         }

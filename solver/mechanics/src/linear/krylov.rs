@@ -1,6 +1,6 @@
 //! Krylov solvers over distributed vectors.
 
-use super::{Preconditioner, Tangent};
+use super::{Operator, Preconditioner};
 use crate::parallel::Space;
 
 /// When a Krylov solver stops.
@@ -48,7 +48,7 @@ fn axpy(a: f64, x: &[f64], y: &mut [f64]) {
     }
 }
 
-fn residual(space: Space<'_>, a: &Tangent, x: &mut [f64], b: &[f64], r: &mut [f64]) -> f64 {
+fn residual(space: Space<'_>, a: &dyn Operator, x: &mut [f64], b: &[f64], r: &mut [f64]) -> f64 {
     a.multiply(space, x, r);
     for (r, b) in r.iter_mut().zip(b).take(space.n_owned()) {
         *r = b - *r;
@@ -66,7 +66,7 @@ fn report(iterations: usize, r: f64, b: f64, settings: &KrylovSettings, otherwis
 /// Conjugate gradients for a symmetric positive definite `a`, from `x`. Collective.
 pub fn conjugate_gradients(
     space: Space<'_>,
-    a: &Tangent,
+    a: &dyn Operator,
     m: &dyn Preconditioner,
     b: &[f64],
     x: &mut [f64],
@@ -108,7 +108,7 @@ pub fn conjugate_gradients(
 /// Source: Paige and Saunders 1975; recurrence of Elman, Silvester and Wathen 2005, algorithm 6.1.
 pub fn minres(
     space: Space<'_>,
-    a: &Tangent,
+    a: &dyn Operator,
     m: &dyn Preconditioner,
     b: &[f64],
     x: &mut [f64],
@@ -181,7 +181,7 @@ pub fn minres(
 /// residual; for any regular `a`, from `x`. Collective.
 pub fn gmres(
     space: Space<'_>,
-    a: &Tangent,
+    a: &dyn Operator,
     m: &dyn Preconditioner,
     b: &[f64],
     x: &mut [f64],

@@ -1,16 +1,20 @@
 //! Sparse matrices of 3×3 blocks, Krylov solvers, preconditioners and a direct factorisation.
 
+mod assembled;
 mod block_csr;
 mod direct;
 mod dissection;
 mod krylov;
+mod packed;
 mod preconditioner;
 mod tangent;
 
+pub use assembled::{Assembled, Operator, Sink};
 pub use block_csr::{BlockCsr, Coupling, NO_SLOT, Pattern};
 pub use direct::{Direct, DirectError};
 pub use dissection::nested_dissection;
 pub use krylov::{KrylovEnding, KrylovReport, KrylovSettings, conjugate_gradients, gmres, minres};
+pub use packed::{PackedBlock, PackedTangent};
 pub use preconditioner::{BlockJacobi, Preconditioner, SymmetricSweep};
 pub use tangent::Tangent;
 

@@ -1,6 +1,6 @@
 //! Cheap approximations of the inverse: per node, or one symmetric sweep over the nodes of a rank.
 
-use super::Tangent;
+use super::{Assembled, Operator, Tangent};
 use crate::parallel::Space;
 
 /// An approximation of the inverse of a tangent. Linear, and symmetric where it serves CG or MINRES.
@@ -38,8 +38,8 @@ pub struct BlockJacobi {
 impl BlockJacobi {
     /// Inverts the diagonal blocks of `tangent`, nodal volume change included.
     #[must_use]
-    pub fn new(tangent: &Tangent) -> Self {
-        Self { inverses: (0..tangent.stiffness.pattern.n_rows()).map(|r| inverse(&tangent.diagonal(r))).collect() }
+    pub fn new(tangent: &dyn Assembled) -> Self {
+        Self { inverses: (0..tangent.pattern().n_rows()).map(|r| inverse(&tangent.diagonal(r))).collect() }
     }
 }
 

@@ -1,6 +1,7 @@
 //! The derivative of a body's forces: a sparse stiffness, and the nodal volume change as a product of sparse matrices.
 
-use super::{BlockCsr, Coupling, NO_SLOT};
+use super::assembled::{Assembled, Operator, Sink};
+use super::{BlockCsr, Coupling, NO_SLOT, Pattern};
 use crate::parallel::Space;
 
 /// `K + G D Gᵀ`: `K` by elements; `G` the derivative of the vertices' volumes, `D` their bulk stiffness. The product is
@@ -15,26 +16,8 @@ pub struct Tangent {
     pub bulk: Vec<f64>,
 }
 
-impl Tangent {
-    /// Sets all entries to zero.
-    pub fn clear(&mut self) {
-        self.stiffness.blocks.fill([0.0; 9]);
-        if let Some(coupling) = &mut self.coupling {
-            coupling.blocks.fill([0.0; 3]);
-        }
-        self.bulk.fill(0.0);
-    }
-
-    /// Multiplies all of it by `k`.
-    pub fn scale(&mut self, k: f64) {
-        if k != 1.0 {
-            self.stiffness.blocks.as_flattened_mut().iter_mut().for_each(|b| *b *= k);
-            self.bulk.iter_mut().for_each(|d| *d *= k);
-        }
-    }
-
-    /// `y = (K + G D Gᵀ) x` over owned rows; brings ghosts of `x` up to date first. Collective.
-    pub fn multiply(&self, space: Space<'_>, x: &mut [f64], y: &mut [f64]) {
+impl Operator for Tangent {
+    fn multiply(&self, space: Space<'_>, x: &mut [f64], y: &mut [f64]) {
         space.update(x);
         self.stiffness.multiply(x, y);
         if let Some(coupling) = &self.coupling {
@@ -50,9 +33,7 @@ impl Tangent {
         }
     }
 
-    /// The 3×3 diagonal block of a row, of the whole matrix.
-    #[must_use]
-    pub fn diagonal(&self, row: usize) -> [f64; 9] {
+    fn diagonal(&self, row: usize) -> [f64; 9] {
         let mut block = self.stiffness.diagonal(row);
         if let Some(coupling) = &self.coupling {
             for k in coupling.pattern.row(row) {
@@ -66,10 +47,33 @@ impl Tangent {
         }
         block
     }
+}
 
-    /// Mean of the absolute values on the stiffness's diagonal: a scale. Collective.
-    #[must_use]
-    pub fn mean_diagonal(&self, space: Space<'_>) -> f64 {
+impl Assembled for Tangent {
+    fn pattern(&self) -> &Pattern {
+        &self.stiffness.pattern
+    }
+
+    fn clear(&mut self, bulk: &[f64]) {
+        self.stiffness.blocks.fill([0.0; 9]);
+        if let Some(coupling) = &mut self.coupling {
+            coupling.blocks.fill([0.0; 3]);
+        }
+        self.bulk.copy_from_slice(bulk);
+    }
+
+    fn sink(&mut self) -> Sink<'_> {
+        Sink::Full(self)
+    }
+
+    fn scale(&mut self, k: f64) {
+        if k != 1.0 {
+            self.stiffness.blocks.as_flattened_mut().iter_mut().for_each(|b| *b *= k);
+            self.bulk.iter_mut().for_each(|d| *d *= k);
+        }
+    }
+
+    fn mean_diagonal(&self, space: Space<'_>) -> f64 {
         let n = self.stiffness.pattern.n_rows();
         let mut sums = [0.0, n as f64];
         for row in 0..n {
@@ -80,10 +84,7 @@ impl Tangent {
         (sums[0] / sums[1].max(1.0)).max(f64::MIN_POSITIVE)
     }
 
-    /// Makes the rows and columns of fixed components those of the identity, times `scale`.
-    ///
-    /// - `fixed`: for each node which components are fixed
-    pub fn constrain(&mut self, fixed: &[[bool; 3]], scale: f64) {
+    fn constrain(&mut self, fixed: &[[bool; 3]], scale: f64) {
         let pattern = self.stiffness.pattern.clone();
         for row in 0..pattern.n_rows() {
             for k in pattern.row(row) {
@@ -115,8 +116,7 @@ impl Tangent {
         }
     }
 
-    /// Adds a block of the stiffness; does nothing at [`NO_SLOT`].
-    pub fn add_block(&mut self, slot: u32, block: &[f64; 9]) {
+    fn add_block(&mut self, slot: u32, block: &[f64; 9]) {
         if slot != NO_SLOT {
             for (to, from) in self.stiffness.blocks[slot as usize].iter_mut().zip(block) {
                 *to += from;

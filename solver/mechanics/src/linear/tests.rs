@@ -5,7 +5,7 @@ use std::sync::Arc;
 use super::*;
 use crate::parallel::{Layout, SingleProcess, Space};
 
-type Solver = fn(Space<'_>, &Tangent, &dyn Preconditioner, &[f64], &mut [f64], &KrylovSettings) -> KrylovReport;
+type Solver = fn(Space<'_>, &dyn Operator, &dyn Preconditioner, &[f64], &mut [f64], &KrylovSettings) -> KrylovReport;
 
 /// A graph Laplacian of 3×3 blocks on an `n`³ lattice, with a coupling; `shift` on the diagonal, `skew` makes it
 /// unsymmetric.
@@ -68,7 +68,8 @@ fn every_solver_finds_the_same_solution() {
     let settings = KrylovSettings { relative_tolerance: 1e-11, ..KrylovSettings::default() };
     let jacobi = BlockJacobi::new(&a);
     let sweep = SymmetricSweep::new(&a);
-    type Solver = fn(Space<'_>, &Tangent, &dyn Preconditioner, &[f64], &mut [f64], &KrylovSettings) -> KrylovReport;
+    type Solver =
+        fn(Space<'_>, &dyn Operator, &dyn Preconditioner, &[f64], &mut [f64], &KrylovSettings) -> KrylovReport;
     let mut counts = vec![];
     for solver in [conjugate_gradients as Solver, minres, gmres] {
         for m in [&jacobi as &dyn Preconditioner, &sweep, &direct] {

@@ -156,7 +156,7 @@ impl PassiveState {
         for (rest, anchor) in dynamics.supports[0].rest.iter_mut().zip(&anchor) {
             *rest += anchor;
         }
-        let (u, solver) = (vec![0.0; 3 * unloaded.len()], Solver::new(&dynamics));
+        let (u, solver) = (vec![0.0; 3 * unloaded.len()], Solver::new());
         let stiffness_kpa = wall.muscle.c_kpa;
         Ok(Self { dynamics, stiffness_kpa, u, pressure_kpa: 0.0, newton_iterations: 0, passes: 0, anchor, solver })
     }

@@ -136,7 +136,7 @@ impl FiniteElementVentricle {
         let average = points.node_average(anatomy, &dynamics.body);
         let node_activation_ms = average.nodes.iter().map(|n| activation_ms[*n as usize]).collect();
         let volume_mm3 = dynamics.cavity_volume(&now.motion.u);
-        let solver = Solver::new(&dynamics);
+        let solver = Solver::new();
         Ok(Self {
             dynamics,
             contraction: points,

@@ -141,7 +141,7 @@ pub fn run(
     let mut now = dynamics
         .start(vec![0.0; dynamics.body.reference().len()], points, 0.0)
         .map_err(|s| RunError::Start { element: s.element, volume_ratio: s.volume_ratio })?;
-    let mut solver = Solver::new(&dynamics);
+    let mut solver = Solver::new();
     let mut cost = RunCost::default();
     let view = |d: &Dynamics, t: f64, u: &[f64]| {
         sample(&SetupView { probes: &probes, cavities: &cavities, reference: d.body.reference() }, t, u)

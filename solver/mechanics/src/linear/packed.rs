@@ -1,0 +1,207 @@
+//! The tangent of linear elements in single precision, laid out for one pass over memory.
+//!
+//! Newton's method takes its residual in double precision, so that a tangent off by 1e-7 costs nothing; a product with it reads
+//! half as much. Each entry holds, column by column, a 3×3 block of `K` with the derivative of the row's vertex volume below it,
+//! `[K; gᵀ]`, so that one pass gives both `K x` and `Gᵀ x`; then the entry of `G` for `y += G D (Gᵀ x)`.
+
+use std::sync::Arc;
+
+use pulp::{Arch, Simd, WithSimd};
+
+use super::assembled::{Assembled, Operator, Sink};
+use super::{NO_SLOT, Pattern};
+use crate::parallel::Space;
+
+/// Three columns of `[K; gᵀ]`, and the entry of `G` (three numbers and a zero).
+pub type PackedBlock = [[f32; 4]; 4];
+
+/// `K + G D Gᵀ` in single precision, where every node is a vertex: rows and columns of all three are nodes.
+#[derive(Debug, Clone)]
+pub struct PackedTangent {
+    pattern: Arc<Pattern>,
+    blocks: Vec<PackedBlock>,
+    /// `D` \[kPa/mm³\], one a vertex; empty without nodal volume change.
+    bulk: Vec<f64>,
+    arch: Arch,
+}
+
+impl PackedTangent {
+    /// Zeros on `pattern`.
+    #[must_use]
+    pub fn zeros(pattern: Arc<Pattern>) -> Self {
+        let blocks = vec![[[0.0; 4]; 4]; pattern.column.len()];
+        Self { pattern, blocks, bulk: vec![], arch: Arch::new() }
+    }
+
+    /// The blocks, for assembly.
+    pub fn blocks_mut(&mut self) -> &mut [PackedBlock] {
+        &mut self.blocks
+    }
+}
+
+/// `y = K x`, `p = Gᵀ x`.
+struct Rows<'a>(&'a PackedTangent, &'a [[f64; 3]], &'a mut [[f64; 3]], &'a mut [f64]);
+
+impl WithSimd for Rows<'_> {
+    type Output = ();
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _simd: S) {
+        let Self(matrix, x, y, p) = self;
+        let starts = &matrix.pattern.row_start;
+        for (row, (y, p)) in y.iter_mut().zip(p).enumerate() {
+            let range = starts[row] as usize..starts[row + 1] as usize;
+            let mut sum = [0.0_f64; 4];
+            for (block, column) in matrix.blocks[range.clone()].iter().zip(&matrix.pattern.column[range]) {
+                let v = &x[*column as usize];
+                for i in 0..4 {
+                    sum[i] +=
+                        f64::from(block[0][i]) * v[0] + f64::from(block[1][i]) * v[1] + f64::from(block[2][i]) * v[2];
+                }
+            }
+            *y = [sum[0], sum[1], sum[2]];
+            *p = sum[3];
+        }
+    }
+}
+
+/// `y += G p`.
+struct Pressures<'a>(&'a PackedTangent, &'a [f64], &'a mut [[f64; 3]]);
+
+impl WithSimd for Pressures<'_> {
+    type Output = ();
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _simd: S) {
+        let Self(matrix, p, y) = self;
+        let starts = &matrix.pattern.row_start;
+        for (row, y) in y.iter_mut().enumerate() {
+            let range = starts[row] as usize..starts[row + 1] as usize;
+            let mut sum = [0.0_f64; 4];
+            for (block, column) in matrix.blocks[range.clone()].iter().zip(&matrix.pattern.column[range]) {
+                let p = p[*column as usize];
+                for i in 0..4 {
+                    sum[i] += f64::from(block[3][i]) * p;
+                }
+            }
+            for i in 0..3 {
+                y[i] += sum[i];
+            }
+        }
+    }
+}
+
+impl Operator for PackedTangent {
+    fn multiply(&self, space: Space<'_>, x: &mut [f64], y: &mut [f64]) {
+        space.update(x);
+        let n = self.pattern.n_rows();
+        let (x, y) = (x.as_chunks::<3>().0, &mut y.as_chunks_mut::<3>().0[..n]);
+        let mut p = vec![0.0; n.max(self.bulk.len())];
+        self.arch.dispatch(Rows(self, x, y, &mut p[..n]));
+        if self.bulk.is_empty() {
+            return;
+        }
+        for (p, d) in p.iter_mut().zip(&self.bulk) {
+            *p *= d;
+        }
+        space.comm.update_ghosts(space.layout, 1, &mut p);
+        self.arch.dispatch(Pressures(self, &p, y));
+    }
+
+    fn diagonal(&self, row: usize) -> [f64; 9] {
+        let mut out = [0.0; 9];
+        for k in self.pattern.row(row) {
+            let (block, column) = (&self.blocks[k], self.pattern.column[k] as usize);
+            let d = self.bulk.get(column).copied().unwrap_or(0.0);
+            for i in 0..3 {
+                for j in 0..3 {
+                    out[3 * i + j] += d * f64::from(block[3][i]) * f64::from(block[3][j]);
+                    if column == row {
+                        out[3 * i + j] += f64::from(block[j][i]);
+                    }
+                }
+            }
+        }
+        out
+    }
+}
+
+impl Assembled for PackedTangent {
+    fn pattern(&self) -> &Pattern {
+        &self.pattern
+    }
+
+    fn clear(&mut self, bulk: &[f64]) {
+        self.blocks.as_flattened_mut().as_flattened_mut().fill(0.0);
+        self.bulk.clear();
+        self.bulk.extend_from_slice(bulk);
+    }
+
+    fn sink(&mut self) -> Sink<'_> {
+        Sink::Packed(self)
+    }
+
+    fn scale(&mut self, k: f64) {
+        if k != 1.0 {
+            // K is the upper three rows of the first three columns.
+            let of_row = [k as f32, k as f32, k as f32, 1.0];
+            for block in &mut self.blocks {
+                for column in &mut block[..3] {
+                    for i in 0..4 {
+                        column[i] *= of_row[i];
+                    }
+                }
+            }
+            self.bulk.iter_mut().for_each(|d| *d *= k);
+        }
+    }
+
+    fn add_block(&mut self, slot: u32, block: &[f64; 9]) {
+        if slot != NO_SLOT {
+            let to = &mut self.blocks[slot as usize];
+            for i in 0..3 {
+                for j in 0..3 {
+                    to[j][i] += block[3 * i + j] as f32;
+                }
+            }
+        }
+    }
+
+    fn constrain(&mut self, fixed: &[[bool; 3]], scale: f64) {
+        for row in 0..self.pattern.n_rows() {
+            for k in self.pattern.row(row) {
+                let column = self.pattern.column[k] as usize;
+                let (fr, fc) = (fixed[row], fixed[column]);
+                if !fr.contains(&true) && !fc.contains(&true) {
+                    continue;
+                }
+                let block = &mut self.blocks[k];
+                for j in 0..3 {
+                    for i in 0..3 {
+                        if fr[i] || fc[j] {
+                            block[j][i] = if row == column && i == j { scale as f32 } else { 0.0 };
+                        }
+                    }
+                    if fc[j] {
+                        block[j][3] = 0.0;
+                    }
+                    if fr[j] {
+                        block[3][j] = 0.0;
+                    }
+                }
+            }
+        }
+    }
+
+    fn mean_diagonal(&self, space: Space<'_>) -> f64 {
+        let n = self.pattern.n_rows();
+        let mut sums = [0.0, n as f64];
+        for row in 0..n {
+            let slot = self.pattern.slot(row as u32, row as u32);
+            if slot != NO_SLOT {
+                let block = &self.blocks[slot as usize];
+                sums[0] += (0..3).map(|i| f64::from(block[i][i].abs()) / 3.0).sum::<f64>();
+            }
+        }
+        space.comm.sum(&mut sums);
+        (sums[0] / sums[1].max(1.0)).max(f64::MIN_POSITIVE)
+    }
+}
