@@ -75,6 +75,18 @@ fn assembly(criterion: &mut Criterion) {
                     body.tangent(&u, &active, &deformation, &mut force, &mut tangent);
                 });
             });
+            if let Some(mut packed) = body.new_packed_tangent() {
+                group.bench_function("volumes + forces + tangent + scatter in single precision", |b| {
+                    b.iter(|| {
+                        body.deform(&u, &SingleProcess, &mut deformation);
+                        body.tangent(&u, &active, &deformation, &mut force, &mut packed);
+                    });
+                });
+                let (mut x, mut y) = (u.clone(), vec![0.0; u.len()]);
+                let space = Space { comm: &SingleProcess, layout: body.layout() };
+                let product = "product with the tangent in single precision";
+                group.bench_function(product, |b| b.iter(|| packed.multiply(space, &mut x, &mut y)));
+            }
             let mut x = u.clone();
             let mut y = vec![0.0; u.len()];
             let space = Space { comm: &SingleProcess, layout: body.layout() };

@@ -59,6 +59,95 @@ impl Real for f64 {
     }
 }
 
+/// Exponential and logarithm without calls or branches, so that loops over lanes become vector instructions.
+mod elementary {
+    use super::LARGEST_EXPONENT;
+
+    /// 1.5 · 2⁵²: a sum with it is rounded to an integer, which its lowest bits hold.
+    const ROUND: f64 = 6_755_399_441_055_744.0;
+    /// ln 2 in two parts; products of the first with integers of eleven bits are exact.
+    const LN2_HIGH: f64 = 6.931_471_803_691_238e-1;
+    const LN2_LOW: f64 = 1.908_214_929_270_587_7e-10;
+
+    /// `eˣ` to 2 units in the last place, arguments cut to −700 and [`LARGEST_EXPONENT`].
+    #[inline(always)]
+    pub fn exp(x: f64) -> f64 {
+        let x = if x < LARGEST_EXPONENT { x } else { LARGEST_EXPONENT };
+        let x = if x > -700.0 { x } else { -700.0 };
+        let rounded = x * std::f64::consts::LOG2_E + ROUND;
+        let k = rounded - ROUND;
+        let r = (x - k * LN2_HIGH) - k * LN2_LOW;
+        // Taylor's series: |r| ≤ ln 2 / 2, the first term left out is below 5e-18.
+        let mut p = 1.0 / 6_227_020_800.0;
+        p = p * r + 1.0 / 479_001_600.0;
+        p = p * r + 1.0 / 39_916_800.0;
+        p = p * r + 1.0 / 3_628_800.0;
+        p = p * r + 1.0 / 362_880.0;
+        p = p * r + 1.0 / 40_320.0;
+        p = p * r + 1.0 / 5_040.0;
+        p = p * r + 1.0 / 720.0;
+        p = p * r + 1.0 / 120.0;
+        p = p * r + 1.0 / 24.0;
+        p = p * r + 1.0 / 6.0;
+        p = p * r + 0.5;
+        let power = f64::from_bits(rounded.to_bits().wrapping_add(1023) << 52);
+        power * (1.0 + (r + r * r * p))
+    }
+
+    /// `ln x` to 1 unit in the last place; NaN for what is not positive.
+    ///
+    /// Source of the polynomial: FreeBSD's `e_log.c` (fdlibm, Sun Microsystems 1993).
+    #[inline(always)]
+    pub fn ln(x: f64) -> f64 {
+        const ROOT_HALF: u64 = 0x3FE6_A09E_667F_3BCD;
+        const ONE: u64 = 0x3FF0_0000_0000_0000;
+        let bits = x.to_bits();
+        // Exponent with bias, of x = 2ᵏ m with m from √½ to √2.
+        let biased = bits.wrapping_add(ONE - ROOT_HALF) >> 52;
+        let m = f64::from_bits(bits.wrapping_sub(biased.wrapping_sub(1023) << 52));
+        let k = f64::from_bits(biased | 0x4330_0000_0000_0000) - 4_503_599_627_370_496.0 - 1023.0;
+        let f = m - 1.0;
+        let s = f / (2.0 + f);
+        let z = s * s;
+        let mut r = 1.479_819_860_511_658_6e-1;
+        r = r * z + 1.531_383_769_920_937_3e-1;
+        r = r * z + 1.818_357_216_161_805e-1;
+        r = r * z + 2.222_219_843_214_978_4e-1;
+        r = r * z + 2.857_142_874_366_239e-1;
+        r = r * z + 3.999_999_999_940_942e-1;
+        r = r * z + 6.666_666_666_666_735e-1;
+        let r = r * z;
+        let half = 0.5 * f * f;
+        let ln = k * LN2_HIGH - ((half - (s * (half + r) + k * LN2_LOW)) - f);
+        if x > 0.0 && x < f64::MAX { ln } else { f64::NAN }
+    }
+
+    #[cfg(test)]
+    mod tests {
+        use proptest::prelude::*;
+
+        proptest! {
+            #[test]
+            fn exponential_is_that_of_the_standard_library(x in -690.0..349.0_f64) {
+                prop_assert!((super::exp(x) / x.exp() - 1.0).abs() < 1e-15);
+            }
+
+            #[test]
+            fn logarithm_is_that_of_the_standard_library(x in 1e-8..1e3_f64) {
+                prop_assert!((super::ln(x) - x.ln()).abs() < 3e-16 * x.ln().abs().max(1e-3));
+            }
+        }
+
+        #[test]
+        fn ends_of_the_range() {
+            assert_eq!(super::exp(1e6), super::exp(super::LARGEST_EXPONENT));
+            assert!(super::exp(-1e6) > 0.0 && super::exp(-1e6) < 1e-300);
+            assert!([0.0, -1.0, f64::NAN, f64::INFINITY].iter().all(|x| super::ln(*x).is_nan()));
+            assert_eq!((super::exp(0.0), super::ln(1.0)), (1.0, 0.0));
+        }
+    }
+}
+
 /// A vector of doubles with the instruction set that runs it.
 #[derive(Debug, Clone, Copy)]
 pub struct Lanes<S: Simd> {
@@ -84,16 +173,6 @@ impl<S: Simd> Lanes<S> {
     #[inline(always)]
     pub fn store(self, to: &mut [f64]) {
         S::as_mut_simd_f64s(&mut to[..S::F64_LANES]).0[0] = self.v;
-    }
-
-    #[inline(always)]
-    fn each(self, f: fn(f64) -> f64) -> Self {
-        let mut lanes = [0.0; 8];
-        self.store(&mut lanes);
-        for x in &mut lanes[..S::F64_LANES] {
-            *x = f(*x);
-        }
-        Self::load(self.simd, &lanes)
     }
 }
 
@@ -136,11 +215,21 @@ impl<S: Simd> Real for Lanes<S> {
     }
     #[inline(always)]
     fn exp(self) -> Self {
-        self.each(<f64 as Real>::exp)
+        let mut lanes = [0.0; 8];
+        self.store(&mut lanes);
+        for x in &mut lanes[..S::F64_LANES] {
+            *x = elementary::exp(*x);
+        }
+        Self::load(self.simd, &lanes)
     }
     #[inline(always)]
     fn ln(self) -> Self {
-        self.each(f64::ln)
+        let mut lanes = [0.0; 8];
+        self.store(&mut lanes);
+        for x in &mut lanes[..S::F64_LANES] {
+            *x = elementary::ln(*x);
+        }
+        Self::load(self.simd, &lanes)
     }
     #[inline(always)]
     fn max(self, other: Self) -> Self {

@@ -1,6 +1,7 @@
 //! A deformable body: elements, tissues, and the assembly of forces and stiffness in one fixed order.
 
 mod passes;
+mod transpose;
 
 use std::sync::Arc;
 

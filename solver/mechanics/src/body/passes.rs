@@ -3,12 +3,13 @@
 use pulp::{Arch, Simd, WithSimd};
 
 use super::Deformation;
+use super::transpose::Shuffle;
 use crate::element::batch::{Batch, vertex_values};
 use crate::element::kernel::{
     ActivePoint, Gathered, Scratch, Viscous, VolumeChange, element, pair, volume_and_stretch,
 };
 use crate::element::{BATCH, Eight};
-use crate::linear::{NO_SLOT, PackedTangent, Pattern, Sink, Tangent};
+use crate::linear::{NO_SLOT, PackedBlock, PackedTangent, Pattern, Sink, Tangent};
 use crate::material::Tissue;
 use crate::material::tensor::determinant;
 
@@ -170,12 +171,15 @@ impl<const N: usize, const Q: usize, const TANGENT: bool> WithSimd for Assembly<
         let Self(field, pass, force, mut tangent) = self;
         let mut input = Gathered::<N>::zeros();
         let mut scratch = Scratch::<N>::new();
+        let shuffle = Shuffle::new();
         let none = [ActivePoint::NONE; Q];
         let (force, _) = force.as_chunks_mut::<3>();
         for (idx, batch) in field.batches.iter().enumerate() {
             Field::gather(batch, pass, &mut input);
-            scratch.force.as_flattened_mut().fill([0.0; BATCH]);
-            if TANGENT {
+            if Q > 1 {
+                scratch.force.as_flattened_mut().fill([0.0; BATCH]);
+            }
+            if TANGENT && Q > 1 {
                 scratch.stiffness[..N * (N + 1) / 2].as_flattened_mut().fill([0.0; BATCH]);
                 scratch.coupling.as_flattened_mut().as_flattened_mut().fill([0.0; BATCH]);
             }
@@ -214,7 +218,7 @@ impl<const N: usize, const Q: usize, const TANGENT: bool> WithSimd for Assembly<
             }
             match &mut tangent {
                 Some(Sink::Full(tangent)) => field.scatter(idx, batch.n, &scratch, tangent),
-                Some(Sink::Packed(tangent)) => field.scatter_packed(idx, batch.n, &scratch, tangent),
+                Some(Sink::Packed(tangent)) => field.scatter_packed(idx, batch.n, &scratch, shuffle, tangent),
                 None => {}
             }
         }
@@ -258,7 +262,7 @@ impl<const N: usize, const Q: usize> Field<N, Q> {
                         if slot != NO_SLOT {
                             let to = &mut coupling.blocks[slot as usize];
                             for i in 0..3 {
-                                to[i] += scratch.coupling[a][v][i][lane];
+                                to[i] += scratch.coupling[a][if Q == 1 { 0 } else { v }][i][lane];
                             }
                         }
                     }
@@ -271,31 +275,59 @@ impl<const N: usize, const Q: usize> Field<N, Q> {
 impl<const N: usize, const Q: usize> Field<N, Q> {
     /// For linear elements.
     #[inline(always)]
-    fn scatter_packed(&self, idx: usize, n_lanes: usize, scratch: &Scratch<N>, tangent: &mut PackedTangent) {
+    fn scatter_packed(
+        &self,
+        idx: usize,
+        n_lanes: usize,
+        scratch: &Scratch<N>,
+        shuffle: Shuffle,
+        tangent: &mut PackedTangent,
+    ) {
         let slots = &self.slots[idx * N..(idx + 1) * N];
         let nodal = !self.coupling_slots.is_empty();
-        let blocks = tangent.blocks_mut();
-        for lane in 0..n_lanes {
+        let mut single = [[[0.0_f32; BATCH]; 9]; 10];
+        for (to, from) in single.iter_mut().zip(&scratch.stiffness) {
+            for k in 0..9 {
+                for lane in 0..BATCH {
+                    to[k][lane] = from[k][lane] as f32;
+                }
+            }
+        }
+        let mut volume = [[[0.0_f32; BATCH]; 3]; N];
+        if nodal {
             for a in 0..N {
-                for b in 0..N {
+                for i in 0..3 {
+                    for lane in 0..BATCH {
+                        volume[a][i][lane] = scratch.coupling[a][0][i][lane] as f32;
+                    }
+                }
+            }
+        }
+        let blocks = tangent.blocks_mut();
+        for a in 0..N {
+            let of_volume = shuffle.transposed([&volume[a][0], &volume[a][1], &volume[a][2], &[0.0; BATCH]]);
+            for b in 0..N {
+                let from = &single[pair(N, a.min(b), a.max(b))];
+                let (along, across) = if a <= b { (3, 1) } else { (1, 3) };
+                let mut columns = [[[0.0_f32; 4]; BATCH]; 3];
+                for j in 0..3 {
+                    let row = |i: usize| &from[along * i + across * j];
+                    columns[j] = shuffle.transposed([row(0), row(1), row(2), &volume[b][j]]);
+                }
+                for lane in 0..n_lanes {
                     let slot = slots[a][b][lane];
                     if slot == NO_SLOT {
                         continue;
                     }
-                    let from = &scratch.stiffness[pair(N, a.min(b), a.max(b))];
-                    let to = &mut blocks[slot as usize];
-                    for j in 0..3 {
-                        for i in 0..3 {
-                            let k = if a <= b { 3 * i + j } else { 3 * j + i };
-                            to[j][i] += from[k][lane] as f32;
-                        }
+                    let PackedBlock(to) = &mut blocks[slot as usize];
+                    let mut sum = *to;
+                    for i in 0..4 {
+                        sum[0][i] += columns[0][lane][i];
+                        sum[1][i] += columns[1][lane][i];
+                        sum[2][i] += columns[2][lane][i];
+                        sum[3][i] += of_volume[lane][i];
                     }
-                    if nodal {
-                        for i in 0..3 {
-                            to[i][3] += scratch.coupling[b][a][i][lane] as f32;
-                            to[3][i] += scratch.coupling[a][b][i][lane] as f32;
-                        }
-                    }
+                    *to = sum;
                 }
             }
         }

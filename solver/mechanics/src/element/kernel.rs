@@ -6,6 +6,7 @@
 use pulp::Simd;
 
 use super::batch::Batch;
+use super::shape::LINEAR;
 use super::{BATCH, Eight};
 use crate::material::tensor::{Sym, at};
 use crate::material::{Load, Tissue, respond};
@@ -175,7 +176,8 @@ pub fn volume_and_stretch<S: Simd, const N: usize, const Q: usize>(
     }
 }
 
-/// Forces and, with `TANGENT`, stiffness and volume coupling of a batch, added to `out`.
+/// Forces and, with `TANGENT`, stiffness and volume coupling of a batch, added to `out`; written to it where there is one
+/// integration point alone, then with a linear element's coupling for its first vertex, which is that of all.
 ///
 /// - `shape`: values of the vertices' linear shape functions at each integration point
 /// - `active`: one an integration point
@@ -261,10 +263,12 @@ fn point<S: Simd, const N: usize, const Q: usize, const TANGENT: bool>(
         s[k] = s[k] * weight;
     }
     let full = [[s[0], s[3], s[4]], [s[3], s[1], s[5]], [s[4], s[5], s[2]]];
+    // The gradients of a linear element's nodes have no sum: what belongs to its first node follows from the others'.
+    let first = if N == LINEAR { 1 } else { 0 };
     let mut g = [[zero; 3]; N];
     // S gₐ once: both the force F S gₐ and the geometric stiffness gₐ·S g_b need it.
     let mut sg = [[zero; 3]; N];
-    for a in 0..N {
+    for a in first..N {
         for k in 0..3 {
             g[a][k] = Lanes::load(simd, &grad[a][k][lane..]);
         }
@@ -272,22 +276,38 @@ fn point<S: Simd, const N: usize, const Q: usize, const TANGENT: bool>(
             sg[a][k] = full[k][0].mul_add(g[a][0], full[k][1].mul_add(g[a][1], full[k][2] * g[a][2]));
         }
     }
-    for a in 0..N {
+    let mut rest = [zero; 3];
+    for a in first..N {
         for i in 0..3 {
             let force = f[i][0].mul_add(sg[a][0], f[i][1].mul_add(sg[a][1], f[i][2] * sg[a][2]));
-            add(simd, &mut out.force[a][i], lane, force);
+            put::<S, Q>(simd, &mut out.force[a][i], lane, force);
+            rest[i] = rest[i] - force;
+        }
+    }
+    if N == LINEAR {
+        for i in 0..3 {
+            put::<S, Q>(simd, &mut out.force[0][i], lane, rest[i]);
         }
     }
     if !TANGENT {
         return;
     }
     if let VolumeChange::Nodal { .. } = volume {
-        for a in 0..N {
+        // Of all vertices alike in the middle of a linear element.
+        let n_vertices = if N == LINEAR { 1 } else { 4 };
+        let mut rest = [zero; 3];
+        for a in first..N {
             for i in 0..3 {
                 let h = cof[i][0].mul_add(g[a][0], cof[i][1].mul_add(g[a][1], cof[i][2] * g[a][2])) * weight;
-                for v in 0..4 {
-                    add(simd, &mut out.coupling[a][v][i], lane, h.times(shape[v]));
+                rest[i] = rest[i] - h;
+                for v in 0..n_vertices {
+                    put::<S, Q>(simd, &mut out.coupling[a][v][i], lane, h.times(shape[v]));
                 }
+            }
+        }
+        if N == LINEAR {
+            for i in 0..3 {
+                put::<S, Q>(simd, &mut out.coupling[0][0][i], lane, rest[i].times(shape[0]));
             }
         }
     }
@@ -296,7 +316,7 @@ fn point<S: Simd, const N: usize, const Q: usize, const TANGENT: bool>(
     }
     // Bₐ: engineering strain from the displacement of node a; [component][direction].
     let mut strain = [[[zero; 3]; 6]; N];
-    for a in 0..N {
+    for a in first..N {
         for i in 0..3 {
             for k in 0..3 {
                 strain[a][k][i] = f[i][k] * g[a][k];
@@ -306,7 +326,7 @@ fn point<S: Simd, const N: usize, const Q: usize, const TANGENT: bool>(
             }
         }
     }
-    for b in 0..N {
+    for b in first..N {
         let mut db = [[zero; 3]; 6];
         for r in 0..6 {
             for c in 0..6 {
@@ -315,7 +335,7 @@ fn point<S: Simd, const N: usize, const Q: usize, const TANGENT: bool>(
                 }
             }
         }
-        for a in 0..=b {
+        for a in first..=b {
             let geometric = g[a][0].mul_add(sg[b][0], g[a][1].mul_add(sg[b][1], g[a][2] * sg[b][2]));
             let block = &mut out.stiffness[pair(N, a, b)];
             for i in 0..3 {
@@ -324,9 +344,42 @@ fn point<S: Simd, const N: usize, const Q: usize, const TANGENT: bool>(
                     for r in 0..6 {
                         x = strain[a][r][i].mul_add(db[r][k], x);
                     }
-                    add(simd, &mut block[3 * i + k], lane, x);
+                    put::<S, Q>(simd, &mut block[3 * i + k], lane, x);
                 }
             }
+        }
+    }
+    if N == LINEAR {
+        complete_stiffness(simd, &mut out.stiffness, lane);
+    }
+}
+
+/// Adds to a sum over integration points, or writes where there is one point alone.
+#[inline(always)]
+fn put<S: Simd, const Q: usize>(simd: S, to: &mut Eight, lane: usize, x: Lanes<S>) {
+    if Q == 1 {
+        x.store(&mut to[lane..]);
+    } else {
+        add(simd, to, lane, x);
+    }
+}
+
+/// A linear element's stiffness of its first node, from that of the other three.
+#[inline(always)]
+fn complete_stiffness<S: Simd>(simd: S, stiffness: &mut [[Eight; 9]; MAX_PAIRS], lane: usize) {
+    let get = |stiffness: &[[Eight; 9]; MAX_PAIRS], a: usize, b: usize, i: usize, k: usize| {
+        let (pair, at) = if a <= b { (pair(LINEAR, a, b), 3 * i + k) } else { (pair(LINEAR, b, a), 3 * k + i) };
+        Lanes::load(simd, &stiffness[pair][at][lane..])
+    };
+    for i in 0..3 {
+        for k in 0..3 {
+            let mut of_first = Lanes::splat(simd, 0.0);
+            for b in 1..LINEAR {
+                let sum = get(stiffness, 1, b, i, k) + get(stiffness, 2, b, i, k) + get(stiffness, 3, b, i, k);
+                (-sum).store(&mut stiffness[pair(LINEAR, 0, b)][3 * i + k][lane..]);
+                of_first = of_first + sum;
+            }
+            of_first.store(&mut stiffness[pair(LINEAR, 0, 0)][3 * i + k][lane..]);
         }
     }
 }

@@ -13,7 +13,9 @@ use super::{NO_SLOT, Pattern};
 use crate::parallel::Space;
 
 /// Three columns of `[K; gᵀ]`, and the entry of `G` (three numbers and a zero).
-pub type PackedBlock = [[f32; 4]; 4];
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[repr(align(64))]
+pub struct PackedBlock(pub [[f32; 4]; 4]);
 
 /// `K + G D Gᵀ` in single precision, where every node is a vertex: rows and columns of all three are nodes.
 #[derive(Debug, Clone)]
@@ -29,7 +31,7 @@ impl PackedTangent {
     /// Zeros on `pattern`.
     #[must_use]
     pub fn zeros(pattern: Arc<Pattern>) -> Self {
-        let blocks = vec![[[0.0; 4]; 4]; pattern.column.len()];
+        let blocks = vec![PackedBlock([[0.0; 4]; 4]); pattern.column.len()];
         Self { pattern, blocks, bulk: vec![], arch: Arch::new() }
     }
 
@@ -51,7 +53,7 @@ impl WithSimd for Rows<'_> {
         for (row, (y, p)) in y.iter_mut().zip(p).enumerate() {
             let range = starts[row] as usize..starts[row + 1] as usize;
             let mut sum = [0.0_f64; 4];
-            for (block, column) in matrix.blocks[range.clone()].iter().zip(&matrix.pattern.column[range]) {
+            for (PackedBlock(block), column) in matrix.blocks[range.clone()].iter().zip(&matrix.pattern.column[range]) {
                 let v = &x[*column as usize];
                 for i in 0..4 {
                     sum[i] +=
@@ -76,7 +78,7 @@ impl WithSimd for Pressures<'_> {
         for (row, y) in y.iter_mut().enumerate() {
             let range = starts[row] as usize..starts[row + 1] as usize;
             let mut sum = [0.0_f64; 4];
-            for (block, column) in matrix.blocks[range.clone()].iter().zip(&matrix.pattern.column[range]) {
+            for (PackedBlock(block), column) in matrix.blocks[range.clone()].iter().zip(&matrix.pattern.column[range]) {
                 let p = p[*column as usize];
                 for i in 0..4 {
                     sum[i] += f64::from(block[3][i]) * p;
@@ -109,7 +111,7 @@ impl Operator for PackedTangent {
     fn diagonal(&self, row: usize) -> [f64; 9] {
         let mut out = [0.0; 9];
         for k in self.pattern.row(row) {
-            let (block, column) = (&self.blocks[k], self.pattern.column[k] as usize);
+            let (PackedBlock(block), column) = (&self.blocks[k], self.pattern.column[k] as usize);
             let d = self.bulk.get(column).copied().unwrap_or(0.0);
             for i in 0..3 {
                 for j in 0..3 {
@@ -130,7 +132,7 @@ impl Assembled for PackedTangent {
     }
 
     fn clear(&mut self, bulk: &[f64]) {
-        self.blocks.as_flattened_mut().as_flattened_mut().fill(0.0);
+        self.blocks.fill(PackedBlock([[0.0; 4]; 4]));
         self.bulk.clear();
         self.bulk.extend_from_slice(bulk);
     }
@@ -143,7 +145,7 @@ impl Assembled for PackedTangent {
         if k != 1.0 {
             // K is the upper three rows of the first three columns.
             let of_row = [k as f32, k as f32, k as f32, 1.0];
-            for block in &mut self.blocks {
+            for PackedBlock(block) in &mut self.blocks {
                 for column in &mut block[..3] {
                     for i in 0..4 {
                         column[i] *= of_row[i];
@@ -156,7 +158,7 @@ impl Assembled for PackedTangent {
 
     fn add_block(&mut self, slot: u32, block: &[f64; 9]) {
         if slot != NO_SLOT {
-            let to = &mut self.blocks[slot as usize];
+            let PackedBlock(to) = &mut self.blocks[slot as usize];
             for i in 0..3 {
                 for j in 0..3 {
                     to[j][i] += block[3 * i + j] as f32;
@@ -173,7 +175,7 @@ impl Assembled for PackedTangent {
                 if !fr.contains(&true) && !fc.contains(&true) {
                     continue;
                 }
-                let block = &mut self.blocks[k];
+                let PackedBlock(block) = &mut self.blocks[k];
                 for j in 0..3 {
                     for i in 0..3 {
                         if fr[i] || fc[j] {
@@ -197,7 +199,7 @@ impl Assembled for PackedTangent {
         for row in 0..n {
             let slot = self.pattern.slot(row as u32, row as u32);
             if slot != NO_SLOT {
-                let block = &self.blocks[slot as usize];
+                let PackedBlock(block) = &self.blocks[slot as usize];
                 sums[0] += (0..3).map(|i| f64::from(block[i][i].abs()) / 3.0).sum::<f64>();
             }
         }
