@@ -103,7 +103,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         3 * anatomy.nodes.len(),
         begun.elapsed().as_secs_f64()
     );
-    let begun = Instant::now();
+    let (begun, processor) = (Instant::now(), processor_seconds());
     let target = PassiveFit::ThreePoints {
         image_pressure_kpa: p_image / MMHG_PER_KPA,
         end_diastolic_pressure_kpa: edp / MMHG_PER_KPA,
@@ -151,14 +151,15 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         _ => fit(&anatomy, &WallParameters::default(), &target, &UnloadingSettings::default())?,
     };
     println!(
-        "step 0: C {:.4} kPa, b_f {:.3}, unloaded {:.2} mL, end-diastole {:.2} mL; {} Newton iterations, {} passes, {:.1} s",
+        "step 0: C {:.4} kPa, b_f {:.3}, unloaded {:.2} mL, end-diastole {:.2} mL; {} Newton iterations, {} passes, {:.1} s, {:.1} s of processor time",
         end_diastole.stiffness_kpa,
         wall.muscle.b_f,
         1e-3 * end_diastole.unloaded_volume_mm3(),
         1e-3 * end_diastole.volume_mm3(),
         end_diastole.newton_iterations,
         end_diastole.passes,
-        begun.elapsed().as_secs_f64()
+        begun.elapsed().as_secs_f64(),
+        processor_seconds() - processor
     );
     let (begun, processor) = (Instant::now(), processor_seconds());
     let cycle_length = Ms(argument("end", 659.0));

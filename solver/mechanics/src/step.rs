@@ -220,6 +220,12 @@ impl Solver {
         self.response.extend_from_slice(response);
     }
 
+    /// Takes over what another solver has factorised, of a body with the same elements.
+    pub fn take_over(&mut self, other: &mut Self) {
+        self.direct = other.direct.take();
+        self.stale = other.stale || self.direct.is_none();
+    }
+
     /// Forgets what was kept from step to step: the next step then depends on its start alone.
     pub fn forget(&mut self) {
         self.stale = true;
@@ -265,7 +271,7 @@ impl Solver {
                 return Ok(Linear {
                     dynamics,
                     settings,
-                    least: 1e-10,
+                    least: 1e-2,
                     operator: tangent,
                     by: By::Direct(kept, tangent),
                 });
@@ -322,12 +328,15 @@ impl Linear<'_> {
             By::Sweep(m) => krylov(space, self.operator, m, b, x, &limits, report),
             By::Direct(kept, tangent) => {
                 let short = KrylovSettings { max_iterations: self.settings.keep_until, ..limits };
-                let before = report.krylov_iterations;
-                if krylov(space, self.operator, &*kept.direct, b, x, &short, report).is_ok() {
-                    *kept.stale |= report.krylov_iterations - before > self.settings.keep_until;
+                // Far from equilibrium neither the tangent nor the one that was factorised need be positive definite.
+                let done = gmres(space, self.operator, &*kept.direct, b, x, &short);
+                report.krylov_iterations += done.iterations;
+                *kept.stale |= done.ending != KrylovEnding::Converged;
+                if done.relative_residual < 0.1 {
                     return Ok(());
                 }
                 if !kept.fresh {
+                    x.fill(0.0);
                     kept.direct.factorise(tangent)?;
                     report.factorisations += 1;
                     kept.fresh = true;

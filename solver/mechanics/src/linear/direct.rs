@@ -1,4 +1,5 @@
-//! A direct factorisation for static problems of moderate size, on one process.
+//! A direct factorisation for static problems of moderate size, on one process, in single precision: Krylov methods, whose
+//! preconditioner it is, make up for what it lacks.
 
 use std::sync::Arc;
 
@@ -44,9 +45,9 @@ pub struct Direct {
     /// Lower triangle by columns.
     column_start: Vec<usize>,
     row: Vec<usize>,
-    value: Vec<f64>,
+    value: Vec<f32>,
     symbolic: SymbolicCholesky<usize>,
-    factor: Vec<f64>,
+    factor: Vec<f32>,
     n_rows: usize,
     n: usize,
 }
@@ -120,7 +121,7 @@ impl Direct {
     /// # Errors
     /// [`DirectError::Numeric`] when a pivot vanishes.
     pub fn factorise(&mut self, tangent: &Tangent) -> Result<(), DirectError> {
-        debug_assert!(Arc::ptr_eq(&self.pattern, &tangent.stiffness.pattern));
+        debug_assert_eq!(self.pattern, tangent.stiffness.pattern);
         let blocks = &tangent.stiffness.blocks;
         let mut at = 0;
         for node in 0..self.n_rows {
@@ -130,21 +131,21 @@ impl Direct {
                     let back = self.pattern.slot(other, node as u32) as usize;
                     for j in 0..3 {
                         if 3 * other as usize + j >= 3 * node + i {
-                            self.value[at] = 0.5 * (blocks[k][3 * i + j] + blocks[back][3 * j + i]);
+                            self.value[at] = (0.5 * (blocks[k][3 * i + j] + blocks[back][3 * j + i])) as f32;
                             at += 1;
                         }
                     }
                 }
                 if let (Some(pattern), Some(coupling)) = (&self.coupling, &tangent.coupling) {
                     for k in pattern.row(node) {
-                        self.value[at] = coupling.blocks[k][i];
+                        self.value[at] = coupling.blocks[k][i] as f32;
                         at += 1;
                     }
                 }
             }
         }
         for d in &tangent.bulk {
-            self.value[at] = -1.0 / d;
+            self.value[at] = (-1.0 / d) as f32;
             at += 1;
         }
         let (n, par) = (self.n, Par::Seq);
@@ -152,7 +153,7 @@ impl Direct {
             SymbolicSparseColMatRef::new_checked(n, n, &self.column_start, None, &self.row),
             &self.value,
         );
-        let scratch = self.symbolic.factorize_numeric_ldlt_scratch::<f64>(par, faer::Spec::default());
+        let scratch = self.symbolic.factorize_numeric_ldlt_scratch::<f32>(par, faer::Spec::default());
         let mut memory = MemBuffer::new(scratch);
         self.symbolic
             .factorize_numeric_ldlt(
@@ -171,16 +172,19 @@ impl Direct {
 
 impl Preconditioner for Direct {
     fn apply(&self, _space: Space<'_>, r: &[f64], z: &mut [f64]) {
-        let mut full = vec![0.0; self.n];
-        full[..3 * self.n_rows].copy_from_slice(&r[..3 * self.n_rows]);
+        let mut full = vec![0.0_f32; self.n];
+        // Scaled to one, so that nothing is too small for single precision.
+        let largest = r[..3 * self.n_rows].iter().fold(0.0_f64, |m, r| m.max(r.abs()));
+        let scale = if largest > 0.0 { 1.0 / largest } else { 1.0 };
+        full.iter_mut().zip(&r[..3 * self.n_rows]).for_each(|(to, r)| *to = (scale * r) as f32);
         let par = Par::Seq;
-        let mut memory = MemBuffer::new(self.symbolic.solve_in_place_scratch::<f64>(1, par));
+        let mut memory = MemBuffer::new(self.symbolic.solve_in_place_scratch::<f32>(1, par));
         LdltRef::new(&self.symbolic, &self.factor).solve_in_place_with_conj(
             Conj::No,
             MatMut::from_column_major_slice_mut(&mut full, self.n, 1),
             par,
             MemStack::new(&mut memory),
         );
-        z[..3 * self.n_rows].copy_from_slice(&full[..3 * self.n_rows]);
+        z.iter_mut().zip(&full[..3 * self.n_rows]).for_each(|(z, f)| *z = f64::from(*f) / scale);
     }
 }

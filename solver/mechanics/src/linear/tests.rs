@@ -64,7 +64,14 @@ fn every_solver_finds_the_same_solution() {
     let mut direct = Direct::new(&a, &points).expect("a pattern");
     direct.factorise(&a).expect("a positive definite matrix");
     let mut want = vec![0.0; 648];
-    direct.apply(space, &b, &mut want);
+    // A factor in single precision, refined with residuals in double precision.
+    for _ in 0..4 {
+        let (mut r, mut z) = (vec![0.0; 648], vec![0.0; 648]);
+        a.multiply(space, &mut want, &mut r);
+        r.iter_mut().zip(&b).for_each(|(r, b)| *r = b - *r);
+        direct.apply(space, &r, &mut z);
+        want.iter_mut().zip(&z).for_each(|(x, z)| *x += z);
+    }
     let settings = KrylovSettings { relative_tolerance: 1e-11, ..KrylovSettings::default() };
     let jacobi = BlockJacobi::new(&a);
     let sweep = SymmetricSweep::new(&a);
@@ -81,9 +88,9 @@ fn every_solver_finds_the_same_solution() {
             counts.push(report.iterations);
         }
     }
-    // A sweep halves the iterations of block Jacobi at least; the factorisation needs one or two.
+    // A sweep halves the iterations of block Jacobi at least; the factorisation in single precision needs three.
     for of in counts.chunks(3) {
-        assert!(2 * of[1] <= of[0] + 6 && of[2] <= 2, "{counts:?}");
+        assert!(2 * of[1] <= of[0] + 6 && of[2] <= 3, "{counts:?}");
     }
 }
 

@@ -78,8 +78,8 @@ pub fn fit(
             let mut state = PassiveState::unloaded_image(anatomy, wall)?;
             let fitted = fit_law(wall, wanted, settings.volume_tolerance, |wall| {
                 // From the last geometry that was found, which a law that finds none leaves alone.
-                let mut next = PassiveState::at(anatomy, wall, state.unloaded(), state.anchor().to_vec())?
-                    .after(state.newton_iterations, state.passes);
+                let mut next =
+                    PassiveState::at(anatomy, wall, state.unloaded(), state.anchor().to_vec())?.after(&mut state);
                 next.unload(anatomy, wall, image_pressure_kpa, settings)?;
                 next.inflate(end_diastolic_pressure_kpa, settings)?;
                 let found = [next.volume_mm3(), next.unloaded_volume_mm3()];
@@ -109,13 +109,12 @@ pub fn stiffened(
     }
     // Where the fibres' strain is what the law was fitted at, exponents and scale trade off nearly so.
     start.muscle.c_kpa /= factor * factor;
-    let from_unloaded = |wall: &WallParameters, newton_iterations| {
-        let state = PassiveState::at(anatomy, wall, before.unloaded(), before.anchor().to_vec())?;
-        Ok::<_, PassiveStateError>(state.after(newton_iterations, before.passes))
-    };
-    let mut state = from_unloaded(&start, before.newton_iterations)?;
+    let from_unloaded =
+        |wall: &WallParameters| PassiveState::at(anatomy, wall, before.unloaded(), before.anchor().to_vec());
+    let mut state = from_unloaded(&start)?;
+    (state.newton_iterations, state.passes) = (before.newton_iterations, before.passes);
     let fitted = fit_stiffness(&start, wanted, false, settings.volume_tolerance, |wall| {
-        let mut next = from_unloaded(wall, state.newton_iterations)?;
+        let mut next = from_unloaded(wall)?.after(&mut state);
         next.inflate(pressure_kpa, settings)?;
         state = next;
         Ok(state.volume_mm3())

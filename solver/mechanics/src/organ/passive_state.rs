@@ -41,6 +41,8 @@ impl Default for UnloadingSettings {
             least_pressure_kpa: 0.05,
             max_iterations: 40,
             farthest_mm: 1.0,
+            // A factorisation costs as much as a hundred solves with it.
+            keep_until: 25,
             ..StepSettings::default()
         };
         Self {
@@ -185,9 +187,10 @@ impl PassiveState {
         &self.anchor
     }
 
-    /// As it is, with the work of another state that it goes on from.
-    pub(super) fn after(self, newton_iterations: usize, passes: usize) -> Self {
-        Self { newton_iterations, passes, ..self }
+    /// As it is, with the work of another state that it goes on from, and its factorisation.
+    pub(super) fn after(mut self, before: &mut Self) -> Self {
+        self.solver.take_over(&mut before.solver);
+        Self { newton_iterations: before.newton_iterations, passes: before.passes, ..self }
     }
 
     /// Cavity volume \[mm³\].
@@ -213,7 +216,6 @@ impl PassiveState {
         let n = guess.len();
         let now = State { motion: Motion::at_rest(guess.clone()), force: vec![0.0; n], pressure_kpa };
         let mut candidate = Candidate { motion: Motion { u: guess, ..Motion::default() }, ..Candidate::default() };
-        self.solver.forget();
         let newton =
             StepSettings { least_pressure_kpa: newton.least_pressure_kpa.min(pressure_kpa.abs()).max(1e-3), ..*newton };
         let mut closure = Closure::Pressure(pressure_kpa);
@@ -282,15 +284,14 @@ impl PassiveState {
         pressure_kpa: f64,
         settings: &UnloadingSettings,
     ) -> Result<(), PassiveStateError> {
-        let (iterations, passes) = (self.newton_iterations, self.passes);
-        if passes > 0 {
-            let mut again = Self::at(anatomy, wall, self.unloaded(), self.anchor.clone())?.after(iterations, passes);
+        if self.passes > 0 {
+            let mut again = Self::at(anatomy, wall, self.unloaded(), self.anchor.clone())?.after(self);
             if again.meet_image(anatomy, wall, pressure_kpa, true, settings).is_ok() {
                 *self = again;
                 return Ok(());
             }
         }
-        *self = Self::unloaded_image(anatomy, wall)?.after(iterations, passes);
+        *self = Self::unloaded_image(anatomy, wall)?.after(self);
         let (mut reached, mut load) = (0.0, settings.first_load);
         let mut before: Option<(f64, Vec<[f64; 3]>)> = None;
         while reached < 1.0 {
@@ -302,9 +303,8 @@ impl PassiveState {
                     (0..3).for_each(|i| x[i] += ratio * (x[i] - b[i]));
                 }
             }
-            let (iterations, passes) = (self.newton_iterations, self.passes);
             let attempt = Self::at(anatomy, wall, &start, self.anchor.clone()).and_then(|next| {
-                let mut next = next.after(iterations, passes);
+                let mut next = next.after(self);
                 next.meet_image(anatomy, wall, target * pressure_kpa, target == 1.0, settings)?;
                 Ok(next)
             });
@@ -361,9 +361,8 @@ impl PassiveState {
             }
             last_mm = distance_mm;
             let moved: Vec<f64> = self.dynamics.body.reference().iter().zip(&miss).map(|(x, m)| x - m).collect();
-            let (iterations, passes) = (self.newton_iterations, self.passes);
             let anchor = self.anchor.iter().zip(&miss).map(|(a, m)| a - m).collect();
-            *self = Self::at(anatomy, wall, moved.as_chunks::<3>().0, anchor)?.after(iterations, passes);
+            *self = Self::at(anatomy, wall, moved.as_chunks::<3>().0, anchor)?.after(self);
             if !tight {
                 return Ok(());
             }
