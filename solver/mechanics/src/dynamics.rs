@@ -93,8 +93,15 @@ pub struct Candidate {
     pub deformation: Deformation,
     /// Active stress there, one a point batch; empty for none.
     pub active: Vec<ActivePoint>,
+    /// Load of the cavity's unit pressure at the displacement \[mN/kPa\]; empty without a cavity.
+    pub load: Vec<f64>,
     /// Cavity pressure \[kPa\].
     pub pressure_kpa: f64,
+}
+
+/// `to += k from`.
+fn add_times(k: f64, from: &[f64], to: &mut [f64]) {
+    to.iter_mut().zip(from).for_each(|(to, from)| *to += k * from);
 }
 
 impl Dynamics {
@@ -138,6 +145,11 @@ impl Dynamics {
         candidate.shifted.clear();
         candidate.shifted.extend(u.iter().zip(v).map(|(u, v)| u + tau * v));
         self.body.deform(&candidate.shifted, self.comm.as_ref(), &mut candidate.deformation);
+        if let Some(cavity) = &self.cavity {
+            candidate.load.clear();
+            candidate.load.resize(candidate.motion.u.len(), 0.0);
+            cavity.add_forces(1.0, self.body.reference(), &candidate.motion.u, &mut candidate.load);
+        }
         let (ratio, element) = candidate.deformation.smallest;
         // The smallest over ranks; NaN counts as inverted everywhere.
         let mut negative = [if ratio.is_nan() { f64::INFINITY } else { -ratio }];
@@ -168,11 +180,8 @@ impl Dynamics {
 
     /// `q`, the derivative of `G` with respect to the pressure, overwriting `out` \[mN/kPa\].
     pub fn pressure_column(&self, candidate: &Candidate, out: &mut Vec<f64>) {
-        out.clear();
+        out.clone_from(&candidate.load);
         out.resize(candidate.motion.u.len(), 0.0);
-        if let Some(cavity) = &self.cavity {
-            cavity.add_forces(1.0, self.body.reference(), &candidate.motion.u, out);
-        }
         self.hold(out);
     }
 
@@ -246,9 +255,7 @@ impl Dynamics {
         for load in &self.loads {
             load.surface.add_forces(load.pressure_kpa, self.body.reference(), &candidate.motion.u, force);
         }
-        if let Some(cavity) = &self.cavity {
-            cavity.add_forces(candidate.pressure_kpa, self.body.reference(), &candidate.motion.u, force);
-        }
+        add_times(candidate.pressure_kpa, &candidate.load, force);
     }
 
     /// The step's residual at a complete candidate \[mN\]; `force` becomes `G`.
@@ -289,7 +296,7 @@ impl Dynamics {
         }
         if let Some(cavity) = &self.cavity {
             let (p, reference) = (candidate.pressure_kpa, self.body.reference());
-            cavity.add_forces(p, reference, &candidate.motion.u, force);
+            add_times(p, &candidate.load, force);
             cavity.add_tangent((1.0 - alpha_f) * p, reference, &candidate.motion.u, tangent);
         }
         let inertia = (1.0 - self.scheme.alpha_m) * self.scheme.acceleration_rate(dt_ms)

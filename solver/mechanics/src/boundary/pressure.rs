@@ -65,18 +65,29 @@ impl Faces {
         Ok(Self { n_nodes: N, nodes: triangles.as_flattened().to_vec(), slots, points })
     }
 
-    /// Positions of a triangle's nodes.
-    pub(crate) fn positions(nodes: &[u32], reference: &[f64], displacement: &[f64]) -> Vec<[f64; 3]> {
-        let at = |n: u32, i: usize| {
-            let k = 3 * n as usize + i;
-            reference[k] + displacement.get(k).copied().unwrap_or(0.0)
-        };
-        nodes.iter().map(|&n| std::array::from_fn(|i| at(n, i))).collect()
+    /// Positions of a triangle's nodes; of six, or of three and three zeros.
+    pub(crate) fn positions(nodes: &[u32], reference: &[f64], displacement: &[f64]) -> [[f64; 3]; 6] {
+        let mut out = [[0.0; 3]; 6];
+        for (x, &n) in out.iter_mut().zip(nodes) {
+            let k = 3 * n as usize;
+            x.copy_from_slice(&reference[k..k + 3]);
+            if let Some(u) = displacement.get(k..k + 3) {
+                (0..3).for_each(|i| x[i] += u[i]);
+            }
+        }
+        out
     }
 
     /// Both tangent vectors at a point.
     pub(crate) fn tangents(shape: &[NodeShape], x: &[[f64; 3]]) -> [[f64; 3]; 2] {
-        std::array::from_fn(|d| std::array::from_fn(|i| shape.iter().zip(x).map(|(s, x)| s.1[d] * x[i]).sum()))
+        let mut out = [[0.0; 3]; 2];
+        for ((_, slope), x) in shape.iter().zip(x) {
+            for i in 0..3 {
+                out[0][i] += slope[0] * x[i];
+                out[1][i] += slope[1] * x[i];
+            }
+        }
+        out
     }
 }
 
@@ -163,7 +174,7 @@ impl PressureSurface {
         let n = self.faces.n_nodes;
         for (nodes, slots) in self.faces.nodes.chunks(n).zip(self.faces.slots.chunks(n * n)) {
             let x = Faces::positions(nodes, reference, displacement);
-            let mut blocks = vec![[0.0; 9]; n * n];
+            let mut blocks = [[0.0; 9]; 36];
             for (weight, shape) in &self.faces.points {
                 let [e1, e2] = Faces::tangents(shape, &x);
                 for (a, (value, _)) in shape.iter().enumerate() {
@@ -180,7 +191,7 @@ impl PressureSurface {
                 }
             }
             if symmetric {
-                let whole = blocks.clone();
+                let whole = blocks;
                 for a in 0..n {
                     for b in 0..n {
                         let (own, other) = (&whole[a * n + b], &whole[b * n + a]);

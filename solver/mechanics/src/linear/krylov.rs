@@ -94,12 +94,15 @@ pub fn conjugate_gradients(
             break;
         }
         let alpha = rz / curvature;
-        axpy(alpha, &p, x);
-        axpy(-alpha, &q, &mut r);
+        for ((x, r), (p, q)) in x.iter_mut().zip(&mut r).zip(p.iter().zip(&q)) {
+            *x += alpha * p;
+            *r -= alpha * q;
+        }
         r_norm = space.norm(&r);
         iterations += 1;
     }
-    let r_norm = residual(space, a, x, b, &mut r);
+    // The recurrence drifts from the true residual by rounding alone, which counts where the tolerance is tight.
+    let r_norm = if settings.relative_tolerance < 1e-6 { residual(space, a, x, b, &mut r) } else { r_norm };
     report(iterations, r_norm, b_norm, settings, ending)
 }
 
