@@ -11,6 +11,7 @@ pub mod failure;
 pub mod finite_element;
 pub mod fit;
 pub mod hash;
+pub mod heart;
 pub mod ids;
 pub mod organ;
 pub mod outcome;

@@ -58,6 +58,18 @@ pub struct PatientRecord {
     pub verification_cost: Option<f64>,
     /// The failure that holds the patient, if one does.
     pub failure: Option<Failure>,
+    /// The same ventricle before effects were accepted, where this run simulated it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub before: Option<Box<BeforeEffects>>,
+}
+
+/// Simulations of the same ventricle without the effects that were accepted since.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct BeforeEffects {
+    /// Step 1's result.
+    pub step1: Option<TaskRecord<OrganBeatResult>>,
+    /// The verification beat.
+    pub verification: Option<TaskRecord<OrganBeatResult>>,
 }
 
 /// The published result of a task.

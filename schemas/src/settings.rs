@@ -385,6 +385,9 @@ pub struct ExecutorSettings {
     pub instruction_set: InstructionSet,
     /// How often a task that failed for the site's sake (killed, disk full) is tried again by itself.
     pub site_retries: u32,
+    /// Simulated time between frames of a series of VTU files that each beat of the finite-element ventricle leaves; 0: none.
+    #[serde(skip_serializing_if = "crate::task::is_zero")]
+    pub vtu_every_ms: f64,
     /// A worker that writes no progress and does not end for so long is taken for hung and killed; 0 is never.
     pub hang_timeout_s: f64,
 }
@@ -397,6 +400,7 @@ impl Default for ExecutorSettings {
             threads: 1,
             instruction_set: InstructionSet::Auto,
             site_retries: 2,
+            vtu_every_ms: 0.0,
             hang_timeout_s: 0.0,
         }
     }

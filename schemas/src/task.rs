@@ -305,8 +305,16 @@ pub struct AttemptSpec {
     /// Instructions of the cell engine.
     #[serde(default, skip_serializing_if = "InstructionSet::is_auto")]
     pub instruction_set: InstructionSet,
+    /// Simulated time between frames of a series of VTU files of a finite-element beat; 0 for none.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub vtu_every_ms: f64,
     /// The task.
     pub task: TaskSpec,
+}
+
+/// Whether a number is left out of files.
+pub(crate) fn is_zero(value: &f64) -> bool {
+    *value == 0.0
 }
 
 #[cfg(test)]

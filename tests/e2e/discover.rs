@@ -105,7 +105,8 @@ fn what_is_accepted_is_personalised_with_until_it_is_reverted() {
     let first = cohort.call(&["run", "--no-report"]).expect(0).out;
     assert!(!first.contains("nothing to do"), "{first}");
     let gap = |patient: &Value| patient["verification"]["result"]["biomarkers"]["end_of_beat_gap_mL"].as_f64().unwrap();
-    let before = gap(&cohort.patient("03-CoA"));
+    let as_it_was = cohort.patient("03-CoA");
+    let before = gap(&as_it_was);
 
     let search = ["discover", "patients/03-CoA", "--effects", "atrial_kick,pressure_offset", "--json", "found.json"];
     let said = cohort.call(&[&search[..], &["--accept"]].concat()).expect(0);
@@ -117,6 +118,11 @@ fn what_is_accepted_is_personalised_with_until_it_is_reverted() {
     assert_eq!(patient["plan"]["effects"][0]["name"], "atrial_kick");
     // The atrium fills what the constant filling pressure leaves open.
     assert!(gap(&patient).abs() < 0.5 * before.abs(), "{before} {}", gap(&patient));
+    // What it was before stands beside it: the iterate that step 1 took, and the verification beat.
+    let best = as_it_was["step1"]["best_iteration"].as_u64().unwrap() as usize;
+    assert_eq!(patient["before"]["step1"]["key"], as_it_was["iterations"][best - 1]["run"]["key"]);
+    assert_eq!(patient["before"]["verification"]["key"], as_it_was["verification"]["key"]);
+    assert_eq!(gap(&patient["before"]), before);
     let learned = fs::read_to_string(cohort.run_dir().join("models/03-CoA/model.toml")).unwrap();
     assert!(learned.contains("atrial_kick"), "{learned}");
 
@@ -126,6 +132,7 @@ fn what_is_accepted_is_personalised_with_until_it_is_reverted() {
     let said = cohort.call(&["run", "--no-report"]).expect(0);
     assert!(said.out.contains("nothing to do"), "{}", said.out);
     assert_eq!(gap(&cohort.patient("03-CoA")), before);
+    assert!(cohort.patient("03-CoA").get("before").is_none(), "nothing is accepted any more");
     cohort.call(&["discover", "patients/03-CoA", "--revert"]).expect(2).complains_of(&["nothing to revert"]);
     assert!(bytes() == as_measured, "what was measured was changed");
 }

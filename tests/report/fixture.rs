@@ -497,6 +497,7 @@ fn finished(folder: &Folder, printed: &Printed, id: &str) -> PatientRecord {
         verification: Some(folder.record("verification", id, &[("traces", traces)], 0.021, None, verification)),
         verification_cost: Some(cost(&printed.step2, &printed.clinical)),
         failure: None,
+        before: None,
         plan,
     }
 }

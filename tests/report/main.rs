@@ -3,6 +3,7 @@
 mod browser;
 mod export;
 mod fixture;
+mod in_3d;
 
 use std::path::{Path, PathBuf};
 

@@ -173,7 +173,8 @@ mod tests {
         let directory = tempfile::tempdir().unwrap();
         let task = TaskSpec::Noop(NoopSpec { label: "a".into(), sleep_ms: 0 });
         let attempt = AttemptId { task: task.key(), generation: 1 };
-        let spec = AttemptSpec { schema_version, attempt, threads: 1, instruction_set: Default::default(), task };
+        let (threads, instruction_set, vtu_every_ms) = (1, Default::default(), 0.0);
+        let spec = AttemptSpec { schema_version, attempt, threads, instruction_set, vtu_every_ms, task };
         fs::write(directory.path().join("spec.json"), json(&spec)).unwrap();
         directory
     }

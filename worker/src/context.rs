@@ -36,6 +36,8 @@ pub struct Context {
     pub checkpoint_ms: f64,
     /// Real time between two of them at least.
     pub checkpoint_apart: Duration,
+    /// Simulated time between frames of a series of VTU files \[ms\], 0 for no series.
+    pub vtu_every_ms: f64,
     /// Whether to stop.
     pub stop: StopFlag,
     /// A file whose existence means that the work is not wanted any more.
@@ -54,6 +56,7 @@ impl Context {
             checkpoints: Checkpoints::none(),
             checkpoint_ms: CHECKPOINT_MS,
             checkpoint_apart: CHECKPOINT_APART,
+            vtu_every_ms: 0.0,
             stop: StopFlag::default(),
             fence: None,
         }
@@ -83,6 +86,12 @@ impl Artefacts {
     #[must_use]
     pub fn in_directory(directory: &Path) -> Self {
         Self { directory: directory.to_owned(), written: Vec::new() }
+    }
+
+    /// Where files go.
+    #[must_use]
+    pub fn directory(&self) -> &Path {
+        &self.directory
     }
 
     /// Writes `file` with `content` in the role `name`.

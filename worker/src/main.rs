@@ -53,6 +53,9 @@ enum Command {
         /// Instructions of the cell engine
         #[arg(long, default_value = "auto")]
         instruction_set: String,
+        /// Simulated ms between frames of a series of VTU files of a finite-element beat, in OUT/vtu; 0 for none
+        #[arg(long, value_name = "MS", default_value_t = 0.0)]
+        vtu_every: f64,
         /// Go on from what this attempt's directory holds of the same search (step 2); settings that only say when a
         /// search ends may differ
         #[arg(long, value_name = "DIR")]
@@ -120,7 +123,7 @@ fn execute(command: Command) -> anyhow::Result<ExitCode> {
             log(if quiet { Level::WARN } else { Level::INFO });
             run_attempt(&directory, &stop, !quiet)?;
         }
-        Command::Simulate { spec, out, threads, instruction_set, restart, generation } => {
+        Command::Simulate { spec, out, threads, instruction_set, vtu_every, restart, generation } => {
             log(Level::INFO);
             let text = std::fs::read_to_string(&spec).with_context(|| format!("cannot read {}", spec.display()))?;
             let task: TaskSpec = serde_json::from_str(&text)
@@ -136,7 +139,9 @@ fn execute(command: Command) -> anyhow::Result<ExitCode> {
                 }
                 None => Checkpoints::none(),
             };
-            let context = Context { instruction_set, checkpoints, stop: stop.clone(), ..Context::plain(&out, threads) };
+            let stop = stop.clone();
+            let plain = Context::plain(&out, threads);
+            let context = Context { instruction_set, checkpoints, vtu_every_ms: vtu_every, stop, ..plain };
             let outcome = simulate(&task, context);
             println!("{}", serde_json::to_string_pretty(&outcome)?);
         }

@@ -34,6 +34,7 @@ pub fn run_attempt(directory: &Path, stop: &StopFlag, echo: bool) -> Result<Endi
         checkpoints: Checkpoints::of_attempt(directory, &attempt.spec.attempt),
         checkpoint_ms: CHECKPOINT_MS,
         checkpoint_apart: CHECKPOINT_APART,
+        vtu_every_ms: attempt.spec.vtu_every_ms,
         stop: stop.clone(),
         fence: Some(directory.join("fence")),
     };

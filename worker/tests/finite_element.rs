@@ -2,10 +2,15 @@
 
 mod support;
 
+use std::collections::HashMap;
 use std::path::Path;
+use std::process::Command;
 use std::time::Duration;
 
+use cardiotwin_mesh::LengthUnit;
+use cardiotwin_mesh::files::vtu;
 use cardiotwin_schemas::finite_element::{FiniteElementSettings, VentricleFigures};
+use cardiotwin_schemas::heart::HeartSurface;
 use cardiotwin_schemas::organ::{ContractionSpec, EffectSpec, OrganSpec, Step1Parameters};
 use cardiotwin_schemas::outcome::{Ending, OrganBeatResult, PassiveStateResult, TaskResult};
 use cardiotwin_schemas::settings::StartMode;
@@ -14,7 +19,7 @@ use cardiotwin_worker::checkpoint::Checkpoints;
 use cardiotwin_worker::context::Context;
 use cardiotwin_worker::finite_element::checkpoint::{BeatCheckpoint, CheckpointError, FILE};
 use cardiotwin_worker::tasks::run_task;
-use support::{beat_spec, passive_state, step0};
+use support::{beat_spec, passive_state, step0, vtk_reader};
 
 /// 01-CoA on the coarsest mesh, to a tolerance that is enough for what is looked at here.
 fn coarse() -> FiniteElementSettings {
@@ -62,6 +67,72 @@ fn read(folder: &Path, name: &str) -> Vec<u8> {
     std::fs::read(folder.join(name)).unwrap()
 }
 
+/// `heart.json` holds a closed surface in two states, the second with less in it, shortened and under stress.
+fn the_heart_is_drawn(folder: &Path, figures: &VentricleFigures) {
+    let text = read(folder, "heart.json");
+    assert!(text.len() < 150_000, "{} bytes", text.len());
+    let heart: HeartSurface = serde_json::from_slice(&text).unwrap();
+    let [begin, end] = heart.states.as_slice() else { panic!("{:?}", heart.states.len()) };
+    assert_eq!((begin.name.as_str(), begin.time_ms, end.name.as_str()), ("end-diastole", 0.0, "end-systole"));
+    assert!((begin.volume_ml - figures.end_diastolic_volume_ml).abs() < 0.01 && end.volume_ml < begin.volume_ml);
+    let n = begin.points_mm.len();
+    let mut seen = vec![false; n];
+    let mut edges: HashMap<(u32, u32), i32> = HashMap::new();
+    for [a, b, c] in heart.parts.iter().flat_map(|part| &part.triangles) {
+        for (from, to) in [(a, b), (b, c), (c, a)] {
+            *edges.entry((*from.min(to), *from.max(to))).or_default() += if from < to { 1 } else { -1 };
+            seen[*from as usize] = true;
+        }
+    }
+    assert!(edges.values().all(|n| *n == 0) && seen.iter().all(|seen| *seen), "closed, and no corner to spare");
+    for state in [begin, end] {
+        assert_eq!((state.points_mm.len(), state.sa_kpa.len(), state.lambda.len()), (n, n, n));
+    }
+    let muscle = heart.parts.iter().filter(|part| part.contracts).flat_map(|part| part.triangles.as_flattened());
+    for corner in muscle.map(|corner| *corner as usize) {
+        assert_eq!((begin.lambda[corner], begin.sa_kpa[corner]), (Some(1.0), Some(0.0)));
+        assert!(end.sa_kpa[corner].unwrap() > 0.0 && (0.7..1.2).contains(&end.lambda[corner].unwrap()));
+    }
+    assert!(heart.parts.iter().any(|part| !part.contracts) && heart.parts.iter().any(|part| part.surface == "cut"));
+}
+
+/// Frames each 20 ms, the index, and all of it again where a beat was resumed; read by a VTK reader that is not ours, where
+/// one can be had.
+fn a_series_is_whole(whole: &Path, resumed: &Path, figures: &VentricleFigures) {
+    let index = String::from_utf8(read(whole, "vtu/beat.pvd")).unwrap();
+    let names: Vec<String> = (0..=9).map(|k| format!("vtu/beat-{k:05}.vtu")).collect();
+    for (k, name) in names.iter().enumerate() {
+        let line = format!("timestep=\"{}\" part=\"0\" file=\"{}\"", 20 * k, name.trim_start_matches("vtu/"));
+        assert!(index.contains(&line), "{line} is not in {index}");
+        assert!(read(whole, name) == read(resumed, name), "{name} of the resumed beat differs");
+    }
+    assert_eq!(index.matches("DataSet").count(), names.len());
+    assert_eq!(read(resumed, "vtu/beat.pvd"), index.as_bytes());
+
+    let last = vtu::read(&whole.join(&names[9]), LengthUnit::Millimetre).unwrap();
+    assert_eq!((last.mesh.n_nodes() as u64, last.mesh.n_tets() as u64), (figures.nodes, figures.elements));
+    let sum = |name: &str| -> f64 { last.point_fields.iter().find(|f| f.name == name).unwrap().values.iter().sum() };
+    assert!(sum("Sa_kPa") > 0.0 && sum("displacement_mm").abs() > 0.0);
+    let python = match vtk_reader::python() {
+        Ok(python) => python,
+        Err(why) => {
+            eprintln!("skipped: no VTK reader from PyPI: {why}");
+            return;
+        }
+    };
+    let script = "import sys, meshio\nm = meshio.read(sys.argv[1])\n\
+                  print(len(m.points), len(m.cells_dict['tetra']), m.point_data['lambda'].sum(), m.point_data['Sa_kPa'].sum())";
+    let out = Command::new(python).args(["-c", script]).arg(whole.join(&names[9])).output().unwrap();
+    assert!(out.status.success(), "{}", String::from_utf8_lossy(&out.stderr));
+    let text = String::from_utf8(out.stdout).unwrap();
+    let found: Vec<f64> = text.split_whitespace().map(|word| word.parse().unwrap()).collect();
+    let expected = [figures.nodes as f64, figures.elements as f64, sum("lambda"), sum("Sa_kPa")];
+    for (found, expected) in found.iter().zip(expected) {
+        assert!((found - expected).abs() < 1e-4 * expected, "{text} {expected:?}");
+    }
+    assert_eq!(found.len(), 4);
+}
+
 // One test for all that needs the ventricle: step 0 is what takes time.
 #[test]
 fn step_0_is_read_by_beats_that_stop_go_on_diverge_and_take_effects() {
@@ -78,9 +149,9 @@ fn step_0_is_read_by_beats_that_stop_go_on_diverge_and_take_effects() {
     assert_eq!(ventricle.bytes as usize, read(folder.path(), &ventricle.file).len());
 
     // Uninterrupted.
-    let short = beat(&state, 120.0);
+    let short = beat(&state, 190.0);
     let whole = tempfile::tempdir().unwrap();
-    let result = finished(run(&short, &mut Context::plain(whole.path(), 1)));
+    let result = finished(run(&short, &mut Context { vtu_every_ms: 20.0, ..Context::plain(whole.path(), 1) }));
     assert!(result.counters["krylov_iterations"] > 0.0 && result.counters["nodes"] == found.nodes as f64);
     assert!(result.biomarkers.p_max_mmhg.unwrap() > 20.0, "it contracts: {:?}", result.biomarkers);
 
@@ -90,19 +161,24 @@ fn step_0_is_read_by_beats_that_stop_go_on_diverge_and_take_effects() {
         checkpoints: Checkpoints::restarting(kept.path(), Path::new("nowhere"), None),
         checkpoint_ms: 50.0,
         checkpoint_apart: Duration::ZERO,
+        vtu_every_ms: 20.0,
         ..Context::plain(kept.path(), 1)
     };
     finished(run(&short, &mut writing));
     let again = tempfile::tempdir().unwrap();
     let mut resuming = Context {
         checkpoints: Checkpoints::restarting(again.path(), kept.path(), None),
+        vtu_every_ms: 20.0,
         ..Context::plain(again.path(), 1)
     };
     let resumed = finished(run(&short, &mut resuming));
-    assert_eq!(resumed.counters["resumed_at_ms"], 100.0);
-    for name in ["traces.csv", "nodal.csv"] {
+    assert_eq!(resumed.counters["resumed_at_ms"], 150.0);
+    for name in ["traces.csv", "nodal.csv", "heart.json"] {
         assert!(read(again.path(), name) == read(whole.path(), name), "{name} of the resumed beat differs");
     }
+
+    the_heart_is_drawn(whole.path(), &found);
+    a_series_is_whole(whole.path(), again.path(), &found);
 
     // A checkpoint that is truncated, or of another task, is refused.
     let file = kept.path().join("checkpoint").join(FILE);
@@ -131,7 +207,7 @@ fn step_0_is_read_by_beats_that_stop_go_on_diverge_and_take_effects() {
     let diverged = tempfile::tempdir().unwrap();
     match run(&hopeless, &mut Context::plain(diverged.path(), 1)) {
         Ending::Diverged { last_good_ms, reason } => {
-            assert!(last_good_ms < 120.0 && reason.contains("Newton did not converge"), "{reason}");
+            assert!(last_good_ms < 190.0 && reason.contains("Newton did not converge"), "{reason}");
         }
         other => panic!("{other:?}"),
     }

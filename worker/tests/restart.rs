@@ -61,6 +61,7 @@ fn attempt_directory(root: &Path, task: &TaskSpec, generation: u32, threads: u32
         attempt,
         threads,
         instruction_set: InstructionSet::Auto,
+        vtu_every_ms: 0.0,
         task: task.clone(),
     };
     fs::write(directory.join("spec.json"), serde_json::to_string(&spec).unwrap()).unwrap();

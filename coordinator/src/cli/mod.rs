@@ -15,6 +15,7 @@ mod table;
 mod talk;
 #[cfg(test)]
 mod tests;
+mod vtu;
 
 use std::process::ExitCode;
 

@@ -70,11 +70,15 @@ impl<E: Executor> Drive<E> {
             row: attempt.task.to_string(),
             source,
         })?;
-        let threads = self.settings.threads.max(1);
         let directory = self.world.directory(attempt);
-        let instruction_set = self.settings.instruction_set;
-        let attempt_id = attempt.clone();
-        let spec = AttemptSpec { schema_version: SCHEMA_VERSION, attempt: attempt_id, threads, instruction_set, task };
+        let spec = AttemptSpec {
+            schema_version: SCHEMA_VERSION,
+            attempt: attempt.clone(),
+            threads: self.settings.threads.max(1),
+            instruction_set: self.settings.instruction_set,
+            vtu_every_ms: self.settings.vtu_every_ms,
+            task,
+        };
         match self.executor.submit(Order { spec, directory: directory.clone() }).await {
             Ok(id) => {
                 self.submitted += 1;

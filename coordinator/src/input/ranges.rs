@@ -38,6 +38,7 @@ pub fn complaints(settings: &Settings) -> Vec<Complaint> {
     list.count("executor.threads", executor.threads, 1, 1024);
     list.count("executor.workers", executor.workers, 0, 4096);
     list.count("executor.site_retries", executor.site_retries, 0, 100);
+    list.within("executor.vtu_every_ms", executor.vtu_every_ms, 0.0, 1e5);
     list.within("executor.hang_timeout_s", executor.hang_timeout_s, 0.0, 1e7);
     list.0
 }

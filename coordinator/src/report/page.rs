@@ -4,6 +4,7 @@ use cardiotwin_schemas::record::{PatientRecord, RunRecord};
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 
 use super::cohort::Link;
+use super::organ_3d;
 use super::patient::standing;
 
 const CSS: &str = include_str!("report.css");
@@ -13,12 +14,14 @@ const THEME_JS: &str = "(function(){var h=location.hash.slice(1),t=h==='dark'||h
 try{t=t||localStorage.getItem('cardiotwin-theme')}catch(e){}if(t)document.documentElement.dataset.theme=t})()";
 
 /// The dark colours stand in two rules of the style sheet: by the system's wish, and by the reader's.
-fn style() -> String {
+fn style(content: &Markup) -> String {
     let mark = ("/* dark colours */", "/* end */");
     let dark = CSS.split(mark.0).nth(1).and_then(|rest| rest.split(mark.1).next()).unwrap_or_default();
     let by_system =
         format!("@media screen and (prefers-color-scheme: dark) {{ :root:not([data-theme=\"light\"]) {{{dark}}} }}");
-    format!("{CSS}\n{by_system}\n")
+    // Pages without a picture do without its colours.
+    let hearts = if content.0.contains("class=\"heart\"") { organ_3d::css() } else { String::new() };
+    format!("{CSS}\n{by_system}\n{hearts}")
 }
 
 /// A whole page.
@@ -33,7 +36,7 @@ pub fn page(title: &str, nav: &Markup, content: &Markup) -> Markup {
                 meta name="color-scheme" content="light dark";
                 title { (title) }
                 link rel="icon" href="data:,";
-                style { (PreEscaped(style())) }
+                style { (PreEscaped(style(content))) }
                 script { (PreEscaped(THEME_JS)) }
             }
             body {

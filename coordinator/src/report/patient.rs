@@ -6,6 +6,7 @@ use maud::{Markup, html};
 use super::convergence;
 use super::figures::{self, figure, legend, line_name};
 use super::format::{count, duration, fixed, percent, significant, symbol};
+use super::organ_3d;
 use super::provenance;
 use super::tables;
 use crate::results::{Biomarker, PatientView, SignalKind, Signals, Source, Step};
@@ -289,6 +290,7 @@ pub fn section(patient: &PatientRecord, signals: &Signals) -> Markup {
             (beat(patient, signals))
             (step1(patient))
             (cell(patient, signals))
+            (organ_3d::part(patient, signals))
             h3 { "Numbers" }
             div.tables {
                 (tables::biomarkers(patient))

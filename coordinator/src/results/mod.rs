@@ -5,9 +5,13 @@ pub mod atomic;
 pub mod columns;
 pub mod comparison;
 pub mod discovery;
+pub mod heart;
 pub mod signals;
+pub mod spread;
 mod write_error;
 
 pub use comparison::{Biomarker, MeanSd, PatientView, Step};
+pub use heart::HeartFile;
 pub use signals::{Signal, SignalKind, Signals, Source};
+pub use spread::SpreadFile;
 pub use write_error::WriteError;

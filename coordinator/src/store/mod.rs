@@ -5,6 +5,7 @@
 
 pub mod attempts;
 mod batch;
+mod before;
 mod error;
 pub mod events;
 pub mod lock;

@@ -14,6 +14,7 @@ use sqlx::Row as _;
 use sqlx::sqlite::SqliteRow;
 use tokio::sync::Mutex;
 
+use super::before::{self, Was};
 use super::open::{DATABASE_FILE, ReadOnly, VERSION};
 use super::patients::PatientRow;
 use super::record::{self, MemberRecord, Settled};
@@ -96,7 +97,9 @@ impl Reader {
         let mut records = Vec::new();
         for row in self.active_patients().await? {
             if let Some(plan) = wide.get(&row.id) {
-                records.push(patient_of(row, plan, &settled, now_ms)?);
+                let id = row.id;
+                let record = patient_of(row, plan, &settled, now_ms)?;
+                records.push(self.with_before(id, record, &settled).await?);
             }
         }
         Ok(RunRecord {
@@ -139,8 +142,30 @@ impl Reader {
     pub async fn patient_record(&self, patient: &PatientId) -> Result<PatientRecord, StoreError> {
         let row = self.find(patient).await?;
         let settled = self.settled(SETTLED_OF_PATIENT, Some(row.id)).await?;
-        let plan = self.plan_row(row.id).await?;
-        patient_of(row, &plan, &settled, clock::now_ms())
+        let (id, plan) = (row.id, self.plan_row(row.id).await?);
+        let record = patient_of(row, &plan, &settled, clock::now_ms())?;
+        self.with_before(id, record, &settled).await
+    }
+
+    /// Adds what was simulated before effects were accepted, where any were.
+    async fn with_before(
+        &self,
+        id: i64,
+        mut record: PatientRecord,
+        settled: &HashMap<TaskKey, Settled>,
+    ) -> Result<PatientRecord, StoreError> {
+        if record.plan.effects.is_empty() {
+            return Ok(record);
+        }
+        let rows = self.rows(steps::SELECT_OF_PATIENT, Some(id)).await?;
+        let was = |row: &SqliteRow| -> Result<Was, StoreError> {
+            let (key, spec): (String, String) = (row.get("task"), row.get("spec"));
+            Ok(Was { stage: step_of(row)?.stage, key: TaskKey(key), spec: serde_json::from_str(&spec).ok() })
+        };
+        let history = rows.iter().map(was).collect::<Result<Vec<_>, _>>()?;
+        let step0 = record.step0.as_ref().map(|step0| &step0.result);
+        record.before = before::before(&record.plan, step0, &history, settled).map(Box::new);
+        Ok(record)
     }
 
     /// For each of a patient's tasks in the chain's order: which it is, and what changed against the one before.

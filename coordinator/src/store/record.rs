@@ -48,7 +48,7 @@ pub(super) fn settled(row: &SqliteRow, run_dir: &Path) -> Result<(TaskKey, Settl
 }
 
 impl Settled {
-    fn record<T>(&self, key: &TaskKey, pick: impl Fn(&TaskResult) -> Option<T>) -> Option<TaskRecord<T>> {
+    pub(super) fn record<T>(&self, key: &TaskKey, pick: impl Fn(&TaskResult) -> Option<T>) -> Option<TaskRecord<T>> {
         let (Task::Published { generation }, Some(outcome)) = (&self.state, &self.outcome) else { return None };
         let Ending::Succeeded { result } = &outcome.ending else { return None };
         Some(TaskRecord {
@@ -131,5 +131,6 @@ pub(super) fn patient(
         plan,
         status,
         failure,
+        before: None,
     }
 }

@@ -6,6 +6,8 @@
 pub mod adjacency;
 pub mod cavity;
 pub mod checks;
+pub mod cutaway;
+pub mod decimate;
 pub mod eikonal;
 pub mod ellipsoid;
 pub mod fibres;

@@ -3,7 +3,7 @@
 //!
 //! The file is `checkpoint/beat.bin` in the attempt's directory, written to a temporary file and renamed.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use cardiotwin_mechanics::organ::VentricleWork;
@@ -13,9 +13,10 @@ use cardiotwin_models::ventricle::VentricleSnapshot;
 use serde::{Deserialize, Serialize};
 
 use super::arrays::{Arrays, ArraysError};
+use super::shapes::Shapes;
 
 /// Kind of the file.
-const KIND: &str = "beat checkpoint 1";
+const KIND: &str = "beat checkpoint 2";
 /// File in the attempt's folder of checkpoints.
 pub const FILE: &str = "beat.bin";
 
@@ -30,6 +31,8 @@ pub struct BeatCheckpoint {
     pub ventricle: VentricleSnapshot,
     /// Work so far.
     pub work: VentricleWork,
+    /// Shapes of the beat so far.
+    pub shapes: Shapes,
 }
 
 #[derive(Serialize, Deserialize)]
@@ -39,6 +42,7 @@ struct About {
     progress: RunProgress,
     circulation: CirculationState,
     work: [usize; 4],
+    shapes: Shapes,
 }
 
 /// Why a checkpoint is not gone on from.
@@ -77,6 +81,7 @@ impl BeatCheckpoint {
             progress,
             circulation: self.circulation.clone(),
             work: [steps, newton_iterations, krylov_iterations, factorisations],
+            shapes: self.shapes.clone(),
         };
         let about = serde_json::to_value(&about).expect("plain fields are JSON");
         let [sa, ca, lambda] = nodes.unwrap_or_default();
@@ -85,6 +90,8 @@ impl BeatCheckpoint {
             .with("Sa_kPa", sa)
             .with("Ca_uM", ca)
             .with("lambda", lambda)
+            .with("u_begin_mm", self.shapes.begin.u.as_slice())
+            .with("u_smallest_mm", self.shapes.smallest.u.as_slice())
             .to_bytes()
     }
 
@@ -104,19 +111,23 @@ impl BeatCheckpoint {
             nodes.ca_um = arrays.take("Ca_uM")?;
             nodes.lambda = arrays.take("lambda")?;
         }
+        let mut shapes = about.shapes;
+        shapes.begin.u = arrays.take("u_begin_mm")?;
+        shapes.smallest.u = arrays.take("u_smallest_mm")?;
         let [steps, newton_iterations, krylov_iterations, factorisations] = about.work;
         Ok(Self {
             progress,
             circulation: about.circulation,
             ventricle: VentricleSnapshot { kind: about.snapshot, values: arrays.take("ventricle")? },
             work: VentricleWork { steps, newton_iterations, krylov_iterations, factorisations },
+            shapes,
         })
     }
 
-    /// The first of `files` that can be gone on from. Those that cannot be are told and left aside.
+    /// The first of `files` that can be gone on from, and which it is. Those that cannot be are told and left aside.
     #[must_use]
-    pub fn first_of(files: &[std::path::PathBuf], task: &str) -> Option<Self> {
-        files.iter().find_map(|file| Self::read(file, task))
+    pub fn first_of(files: &[PathBuf], task: &str) -> Option<(Self, PathBuf)> {
+        files.iter().find_map(|file| Some((Self::read(file, task)?, file.clone())))
     }
 
     fn read(file: &Path, task: &str) -> Option<Self> {

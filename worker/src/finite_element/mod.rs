@@ -3,6 +3,9 @@
 pub mod arrays;
 pub mod checkpoint;
 pub mod error;
+pub mod heart;
+pub mod series;
+pub mod shapes;
 pub mod stored;
 pub mod wall;
 

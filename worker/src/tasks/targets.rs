@@ -1,11 +1,12 @@
 //! Step 2's targets: medians over nodes, aligned by activation time, and their biomarkers.
 //!
-//! Artefact: `median.csv` (`time_ms,Sa_kPa,Ca_uM,lambda`, the calcium column only where the contraction model has one).
+//! Artefacts: `median.csv` (`time_ms,Sa_kPa,Ca_uM,lambda`, the calcium column only where the contraction model has one);
+//! `spread.csv`, how the nodes spread around it: each quantity below which 5, 25, 50, 75 and 95 % of the wall lie.
 
 use std::fmt::Write as _;
 
 use cardiotwin_models::cell0d::ActiveStressBiomarkers;
-use cardiotwin_models::median_traces::MedianTraces;
+use cardiotwin_models::median_traces::{LEVELS, MedianTraces, NodalSpread};
 use cardiotwin_schemas::biomarkers::CellBiomarkers;
 use cardiotwin_schemas::outcome::{TargetsResult, TaskResult};
 use cardiotwin_schemas::task::TargetsSpec;
@@ -25,10 +26,12 @@ pub fn run(spec: &TargetsSpec, context: &mut Context) -> Result<TaskResult, Task
     let refused = |source: NodalError| TaskError::Nodal { file: spec.nodal.path.clone(), source };
     let NodalBeat { beat, has_calcium } = nodal::from_csv(&String::from_utf8_lossy(&bytes)).map_err(refused)?;
     let n_nodes = beat.nodes.as_ref().map_or(0, |nodes| nodes.n_nodes) as u64;
-    let median = MedianTraces::of(&beat).ok_or(TaskError::NoMedian { n_nodes })?;
+    let spread = NodalSpread::of(&beat).ok_or(TaskError::NoMedian { n_nodes })?;
+    let median = spread.median();
     let biomarkers = median.biomarkers().filter(|biomarkers| biomarkers.sa_max_kpa > 0.0);
     let targets = to_schema(&biomarkers.ok_or(TaskError::NoMedian { n_nodes })?);
     context.artefacts.write("median", "median.csv", &median_csv(&median, has_calcium))?;
+    context.artefacts.write("spread", "spread.csv", &spread_csv(&spread, has_calcium))?;
     let lambda_0 = median.lambda[0];
     Ok(TaskResult::Targets(TargetsResult { lambda_0, targets, n_nodes, has_calcium }))
 }
@@ -54,6 +57,27 @@ fn median_csv(median: &MedianTraces, has_calcium: bool) -> String {
             let _ = write!(text, ",{}", number(median.ca_um[idx]));
         }
         let _ = writeln!(text, ",{}", number(median.lambda[idx]));
+    }
+    text
+}
+
+fn spread_csv(spread: &NodalSpread, has_calcium: bool) -> String {
+    let mut quantities = vec![("Sa_kPa", &spread.sa_kpa), ("lambda", &spread.lambda)];
+    if has_calcium {
+        quantities.insert(1, ("Ca_uM", &spread.ca_um));
+    }
+    let mut text = "time_ms".to_owned();
+    for (name, _) in &quantities {
+        LEVELS.iter().for_each(|level| text.push_str(&format!(",{name}_p{:.0}", 100.0 * level)));
+    }
+    text.push('\n');
+    for (row, time) in spread.time_ms.iter().enumerate() {
+        text.push_str(&number(*time));
+        for value in quantities.iter().flat_map(|(_, values)| values[row]) {
+            // Five digits: for looking at, not for fitting to.
+            let _ = write!(text, ",{}", number((value * 1e5).round() / 1e5));
+        }
+        text.push('\n');
     }
     text
 }

@@ -1,6 +1,8 @@
 //! A patient of the bundled cohort as tasks, and step 1 by hand: shared by tests and the `step1_seven` example.
 #![allow(dead_code, missing_docs)]
 
+pub mod vtk_reader;
+
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 

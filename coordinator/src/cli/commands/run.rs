@@ -16,6 +16,7 @@ use crate::cli::progress::Watcher;
 use crate::cli::store::open;
 use crate::cli::table::{Columns, duration};
 use crate::cli::talk::{Talk, count};
+use crate::cli::vtu::announcement;
 use crate::cli::{problems, summary};
 use crate::discovery;
 use crate::engine::{self, EngineEvent, Reader, RunOptions, RunSummary, StopSignal, StoreError};
@@ -48,6 +49,9 @@ pub struct RunArgs {
     /// How step 1 finds the next parameters (step1.update)
     #[arg(long, value_name = "NAME", value_parser = ["fixed-point", "space-mapping"])]
     update: Option<String>,
+    /// Write a series of VTU files for ParaView each so many simulated ms in every 3D simulation (executor.vtu_every_ms)
+    #[arg(long, value_name = "MS")]
+    vtu_every: Option<f64>,
     /// Settings on top of all files (may be given several times); `config show` lists the keys
     #[arg(long = "set", value_name = "KEY=VALUE")]
     set: Vec<String>,
@@ -73,6 +77,10 @@ pub async fn execute(args: &RunArgs, talk: &Talk) -> Result<Exit, CliError> {
     let cohort = load(args, &folders, talk)?;
     if args.dry_run {
         return dry_run(&cohort, &folders, talk).await;
+    }
+    if let Some(said) = cohort.plans().first().and_then(|plan| announcement(plan, plan.settings.executor.vtu_every_ms))
+    {
+        talk.say(&said);
     }
     let options = RunOptions {
         run_dir: folders.run.clone(),
@@ -106,6 +114,7 @@ fn load(args: &RunArgs, folders: &Folders, talk: &Talk) -> Result<Cohort, CliErr
     set.extend(args.fidelity.iter().map(|name| format!("solver.fidelity={name}")));
     set.extend(args.mesh_nodes.map(|n| format!("solver.finite_element.mesh_nodes={n}")));
     set.extend(args.update.iter().map(|name| format!("step1.update={name}")));
+    set.extend(args.vtu_every.map(|every| format!("executor.vtu_every_ms={every:?}")));
     set.extend(args.workers.map(|n| format!("executor.workers={n}")));
     let mut report = Report::default();
     let cohort = input::load(directory, &Options { set, ..Options::default() }, &mut report);

@@ -1,5 +1,7 @@
 //! `cardiotwin show`: all about one patient.
 
+use std::path::{Path, PathBuf};
+
 use cardiotwin_schemas::ids::PatientId;
 use cardiotwin_schemas::outcome::{Determination, FittedParameter, Step1ProposalResult};
 use cardiotwin_schemas::record::{IterationRecord, PatientRecord};
@@ -12,7 +14,8 @@ use crate::cli::place::{Folders, OfCohort};
 use crate::cli::store::open;
 use crate::cli::table::{Columns, duration, number, optional, percent};
 use crate::cli::talk::{Talk, Tone};
-use crate::results::{Biomarker, PatientView, Step};
+use crate::report::spread_svg;
+use crate::results::{Biomarker, PatientView, SpreadFile, Step};
 
 /// All about one patient: results, iterations, parameters, failure and where its files lie
 #[derive(Debug, Args)]
@@ -22,6 +25,9 @@ pub struct ShowArgs {
     /// One JSON object instead of text
     #[arg(long)]
     json: bool,
+    /// Draw how the nodes' stretch and active stress spread around their medians as an SVG file
+    #[arg(long, value_name = "FILE")]
+    plot: Option<PathBuf>,
     #[command(flatten)]
     of: OfCohort,
 }
@@ -33,6 +39,9 @@ pub struct ShowArgs {
 pub async fn execute(args: &ShowArgs, talk: &Talk) -> Result<Exit, CliError> {
     let folders = args.of.folders();
     let record = open(&folders).await?.patient_record(&PatientId(args.patient.clone())).await?;
+    if let Some(file) = &args.plot {
+        plot(&record, file)?;
+    }
     if args.json {
         talk.json(&record)?;
         return Ok(Exit::Ok);
@@ -51,6 +60,17 @@ pub async fn execute(args: &ShowArgs, talk: &Talk) -> Result<Exit, CliError> {
         talk.hint(&hint);
     }
     Ok(Exit::Ok)
+}
+
+/// The nodes' spread as a picture.
+fn plot(record: &PatientRecord, file: &Path) -> Result<(), CliError> {
+    let nothing = || {
+        let id = &record.plan.id;
+        CliError::Usage(format!("--plot: the targets of {id} are not done, or were made without the nodes' spread"))
+    };
+    let spread = SpreadFile::read(record).map_err(|error| CliError::Usage(format!("--plot: {error}")))?;
+    let svg = spread.as_ref().and_then(|spread| spread_svg(record, spread)).ok_or_else(nothing)?;
+    std::fs::write(file, svg).map_err(CliError::file("write", file))
 }
 
 fn heading(record: &PatientRecord) -> String {

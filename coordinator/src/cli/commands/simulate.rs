@@ -21,6 +21,7 @@ use crate::cli::problems;
 use crate::cli::store::stored_overrides;
 use crate::cli::table::{Columns, optional, percent};
 use crate::cli::talk::{Talk, Tone, count};
+use crate::cli::vtu::announcement;
 use crate::engine::{Reader, StoreError, contraction};
 use crate::input::{self, Options, Report, nearest, value_from_text};
 use crate::results::{Biomarker, PatientView};
@@ -49,6 +50,9 @@ pub struct SimulateArgs {
     /// Write traces.csv, nodal.csv, spec.json and outcome.json into this folder
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
+    /// Write a series of VTU files for ParaView each so many simulated ms, into OUT/vtu (3D ventricle only)
+    #[arg(long, value_name = "MS", requires = "out")]
+    vtu_every: Option<f64>,
     /// One JSON object instead of CSV: specification, biomarkers, checks, traces
     #[arg(long)]
     json: bool,
@@ -98,7 +102,11 @@ pub async fn execute(args: &SimulateArgs, talk: &Talk) -> Result<Exit, CliError>
     let spec = specification(args, &plan, &passive, record.as_ref(), beats)?;
     let spec = with_parameters(spec, &parameters).map_err(CliError::Usage)?;
     let out = args.out.clone().unwrap_or_else(|| scratch.path().join("beat"));
-    let outcome = ask_worker(&worker, &TaskSpec::OrganBeat(Box::new(spec.clone())), &out)?;
+    let every_ms = args.vtu_every.unwrap_or(0.0);
+    if let Some(said) = announcement(&plan, every_ms) {
+        talk.say(&said);
+    }
+    let outcome = ask_worker(&worker, &TaskSpec::OrganBeat(Box::new(spec.clone())), &out, every_ms)?;
     let traces = outcome.artefacts.iter().find(|a| a.name == "traces").map(|a| out.join(&a.file));
     let result = match outcome.ending {
         Ending::Succeeded { result } => match *result {
@@ -171,7 +179,7 @@ fn passive_state(
     if let Some(step0) = record.and_then(|record| record.step0.as_ref()).filter(|step0| step0.key == task.key()) {
         return Ok(step0.result.clone());
     }
-    match ask_worker(worker, &task, &scratch.join("passive-state"))?.ending {
+    match ask_worker(worker, &task, &scratch.join("passive-state"), 0.0)?.ending {
         Ending::Succeeded { result } => match *result {
             TaskResult::PassiveState(result) => Ok(result),
             _ => Err(unexpected(worker)),
@@ -258,7 +266,7 @@ fn worker(given: Option<&Path>) -> Result<PathBuf, CliError> {
     if path.is_file() { Ok(path) } else { Err(crate::engine::EngineError::NoWorker { path }.into()) }
 }
 
-fn ask_worker(worker: &Path, task: &TaskSpec, out: &Path) -> Result<TaskOutcome, CliError> {
+fn ask_worker(worker: &Path, task: &TaskSpec, out: &Path, vtu_every_ms: f64) -> Result<TaskOutcome, CliError> {
     let said = |message: String| CliError::Worker { worker: worker.to_owned(), message };
     std::fs::create_dir_all(out).map_err(CliError::file("make", out))?;
     let spec = out.join("spec.json");
@@ -266,6 +274,7 @@ fn ask_worker(worker: &Path, task: &TaskSpec, out: &Path) -> Result<TaskOutcome,
     std::fs::write(&spec, text).map_err(CliError::file("write", &spec))?;
     let output = Command::new(worker)
         .args(["simulate".as_ref(), spec.as_os_str(), "--out".as_ref(), out.as_os_str()])
+        .args(["--vtu-every", &vtu_every_ms.to_string()])
         .stdin(Stdio::null())
         .output()
         .map_err(CliError::file("start", worker))?;

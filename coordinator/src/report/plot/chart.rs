@@ -95,6 +95,8 @@ pub enum Mark {
     Up { x: f64, class: &'static str },
     /// A band across between two values.
     Band { from: f64, to: f64, class: &'static str },
+    /// The area between two lines with the same x.
+    Between { lower: Vec<(f64, f64)>, upper: Vec<(f64, f64)>, class: &'static str },
     /// Words above the plot's lower edge, in the middle of a part of the x axis.
     Words { from: f64, to: f64, text: String },
     /// A bar from zero to `y` around `x`.
@@ -106,7 +108,10 @@ pub enum Mark {
 impl Mark {
     /// Rules and bands across the plot lie behind the lines.
     fn is_behind(&self) -> bool {
-        matches!(self, Self::Across { .. } | Self::Up { .. } | Self::Band { .. } | Self::Words { .. })
+        matches!(
+            self,
+            Self::Across { .. } | Self::Up { .. } | Self::Band { .. } | Self::Between { .. } | Self::Words { .. }
+        )
     }
 }
 
@@ -286,6 +291,13 @@ impl Chart {
                 let at = |y: f64| self.place(self.x.scale.ends().0, y).map(|(_, py)| py);
                 let (Some(low), Some(high)) = (at(*from), at(*to)) else { return Markup::default() };
                 html! { rect class={ "band " (class) } x=(n(x0)) y=(n(high)) width=(n(x1 - x0)) height=(n(low - high)) {} }
+            }
+            Mark::Between { lower, upper, class } => {
+                let placed = |line: &[(f64, f64)]| -> Vec<(f64, f64)> {
+                    simplify(&line.iter().filter_map(|(x, y)| self.place(*x, *y)).collect::<Vec<_>>(), SIMPLIFY)
+                };
+                let outline: Vec<_> = placed(upper).into_iter().chain(placed(lower).into_iter().rev()).collect();
+                html! { path class={ "between " (class) } d={ (path_data(&outline)) "Z" } {} }
             }
             Mark::Words { from, to, text } => {
                 let at = |x: f64| self.place(x, self.y.scale.ends().0).map(|(px, _)| px);

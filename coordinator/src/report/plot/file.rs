@@ -10,6 +10,7 @@ svg { font: 13px system-ui, 'Segoe UI', Roboto, 'DejaVu Sans', sans-serif; }
 text { fill: #1c2127; } .ticks text { font-size: 12px; fill: #5d6873; } .label.quiet { fill: #5d6873; }
 path { fill: none; } .axis { stroke: #5d6873; } .grid path { stroke: #eceff2; } .rule { stroke: #5d6873; stroke-dasharray: 2 3; }
 .line { stroke-width: 2; stroke-linejoin: round; } .line.measured { stroke: none; } .dot.measured { fill: #1c2127; fill-opacity: .55; }
+.between { stroke: none; fill: #0072b2; } .between.most { opacity: .16; } .between.half { opacity: .3; }
 .line.step1 { stroke: #0072b2; } .line.step2 { stroke: #d55e00; }
 .line.before { stroke: #0072b2; } .line.after { stroke: #d55e00; } .rule.phase { stroke: #d9dee4; } .band.noise { fill: #eceff2; }
 .headline { font-size: 17px; font-weight: 600; }

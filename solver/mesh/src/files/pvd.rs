@@ -11,6 +11,12 @@ use std::path::Path;
 /// # Errors
 /// [`MeshFileError::Write`].
 pub fn write(file: &Path, frames: &[(Ms, String)]) -> Result<(), MeshFileError> {
+    write_bytes(file, text(frames).as_bytes())
+}
+
+/// The index's text.
+#[must_use]
+pub fn text(frames: &[(Ms, String)]) -> String {
     let mut text = String::from(
         "<?xml version=\"1.0\"?>\n<VTKFile type=\"Collection\" version=\"1.0\" byte_order=\"LittleEndian\">\n  <Collection>\n",
     );
@@ -19,5 +25,5 @@ pub fn write(file: &Path, frames: &[(Ms, String)]) -> Result<(), MeshFileError> 
         let _ = writeln!(text, "    <DataSet timestep=\"{}\" part=\"0\" file=\"{name}\"/>", time.0);
     }
     text += "  </Collection>\n</VTKFile>\n";
-    write_bytes(file, text.as_bytes())
+    text
 }

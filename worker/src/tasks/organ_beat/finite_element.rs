@@ -9,27 +9,33 @@ use std::time::Instant;
 
 use cardiotwin_mechanics::organ::{FiniteElementVentricle, VentricleParts, VentricleWork};
 use cardiotwin_mechanics::step::StepSettings;
+use cardiotwin_mesh::TetMesh;
 use cardiotwin_models::beat::{BeatOutcome, run_observed};
 use cardiotwin_models::circulation::Circulation;
 use cardiotwin_models::effects::{LatePart, Surroundings, in_three_dimensions};
 use cardiotwin_models::ventricle::passive_state::DEFAULT_EXPONENT;
 use cardiotwin_models::ventricle::{OneFibrePassive, Ventricle as _};
 use cardiotwin_schemas::finite_element::{EquationSettings, FiniteElementOrgan, FiniteElementSettings};
+use cardiotwin_schemas::organ::ContractionSpec;
 use cardiotwin_schemas::outcome::Ending;
 use cardiotwin_schemas::task::{OrganBeatSpec, TaskSpec};
 use cardiotwin_units::{Ml, Mmhg, Ms};
 
-use super::{contraction, effects, ending, heart, settings};
+use super::{contraction, effects, ending, heart as left_heart, settings};
 use crate::context::Context;
 use crate::error::TaskError;
 use crate::files;
 use crate::finite_element::checkpoint::{BeatCheckpoint, Due, FILE};
-use crate::finite_element::{FiniteElementError, StoredVentricle, wall};
+use crate::finite_element::series::{self, Series};
+use crate::finite_element::shapes::Shapes;
+use crate::finite_element::{FiniteElementError, StoredVentricle, heart, wall};
 
 /// Ventricle and circulation at their start.
 pub(super) struct Organ {
     pub(super) ventricle: FiniteElementVentricle,
     pub(super) circulation: Circulation,
+    /// Mesh of the image.
+    pub(super) mesh: TetMesh,
 }
 
 /// Simulates a beat of the ventricle that step 0 made.
@@ -45,7 +51,7 @@ pub(super) fn run(
     context.progress.report("setting up", 0.0, None, || {
         format!("{} nodes, {} tetrahedra", organ.figures.nodes, organ.figures.elements)
     });
-    let Organ { mut ventricle, mut circulation } = assemble(spec, organ)?;
+    let Organ { mut ventricle, mut circulation, mesh } = assemble(spec, organ)?;
     let seconds_setup = begun.elapsed().as_secs_f64();
     let begun = Instant::now();
     let length = spec.cycle_length_ms;
@@ -53,12 +59,18 @@ pub(super) fn run(
     let task = TaskSpec::OrganBeat(Box::new(spec.clone())).key().to_string();
     let earlier = BeatCheckpoint::first_of(&context.checkpoints.earlier_files(FILE), &task);
     let (mut before, mut resumed_at_ms) = (VentricleWork::default(), None);
+    let mut series = begin_series(spec, &mesh, &ventricle, context)?;
+    let mut shapes = Shapes::of(&ventricle, mesh.n_nodes());
     let from = match earlier {
-        Some(BeatCheckpoint { progress, circulation: blood, ventricle: states, work }) => {
+        Some((BeatCheckpoint { progress, circulation: blood, ventricle: states, work, shapes: seen }, file)) => {
             ventricle.restore(&states).map_err(TaskError::Organ)?;
             circulation.restore(&blood).map_err(TaskError::Circulation)?;
             tracing::info!("going on from a checkpoint at {} ms", ventricle.time().0);
             (before, resumed_at_ms) = (work, Some(ventricle.time().0));
+            shapes = seen.resumed(&ventricle, mesh.n_nodes());
+            if let (Some(series), Some(attempt)) = (&mut series, file.ancestors().nth(2)) {
+                series.resume(attempt, progress.n_beats, ventricle.time().0 - progress.beat_start_ms)?;
+            }
             Some(progress)
         }
         None => None,
@@ -67,6 +79,13 @@ pub(super) fn run(
     let mut due = Due::new(context.checkpoint_ms, context.checkpoint_apart, ventricle.time().0);
     let outcome = run_observed(&mut ventricle, &mut circulation, &settings, from, |seen| {
         let time = seen.ventricle_time_ms();
+        let beat = seen.progress.n_beats;
+        shapes.observe(beat, seen.progress.intervals, seen.ventricle);
+        if let Some(series) = &mut series
+            && let Err(error) = series.observe(beat, time - seen.progress.beat_start_ms, seen.ventricle)
+        {
+            return ControlFlow::Break(error);
+        }
         let stop = context.check_stop();
         if let Some(file) = &own
             && (due.at(time) || stop.is_err() || context.stop.take_checkpoint())
@@ -76,6 +95,7 @@ pub(super) fn run(
                 circulation: seen.circulation.snapshot(),
                 ventricle: seen.ventricle.snapshot(),
                 work: sum(before, seen.ventricle.work()),
+                shapes: shapes.clone(),
             };
             if let Err(source) = write(file, &checkpoint.to_bytes(&task)) {
                 return ControlFlow::Break(TaskError::Checkpoint(source));
@@ -84,7 +104,6 @@ pub(super) fn run(
         if let Err(stop) = stop {
             return ControlFlow::Break(stop);
         }
-        let beat = seen.progress.n_beats;
         context.progress.report("simulating", time - seen.progress.beat_start_ms, Some(length), || {
             let work = seen.ventricle.work();
             let newton = work.newton_iterations as f64 / work.steps.max(1) as f64;
@@ -112,12 +131,39 @@ pub(super) fn run(
     .map(|(name, value)| (name.to_owned(), value))
     .into();
     counters.extend(resumed_at_ms.map(|time| ("resumed_at_ms".to_owned(), time)));
+    if let Some(series) = &series {
+        context.artefacts.write("series", &format!("{}/{}", series::FOLDER, series::INDEX), &series.index())?;
+    }
     if let BeatOutcome::Finished(result) = &outcome {
+        let unloaded = ventricle.dynamics().body.reference();
+        let drawn = heart::Organ { mesh: &mesh, unloaded, nodes: ventricle.nodes() };
+        if let Some(surface) = heart::surface(&drawn, &shapes, &result.traces) {
+            context.artefacts.write_bytes("heart", "heart.json", heart::text(&surface).as_bytes())?;
+        }
         counters.insert("newton_iterations_per_step".to_owned(), {
             result.work.n_iterations as f64 / result.work.n_steps.max(1) as f64
         });
     }
     ending(spec, outcome, counters, context)
+}
+
+/// A series of VTU files, where one was asked for; its size is told before the rest of it is written.
+fn begin_series(
+    spec: &OrganBeatSpec,
+    mesh: &TetMesh,
+    ventricle: &FiniteElementVentricle,
+    context: &mut Context,
+) -> Result<Option<Series>, TaskError> {
+    if context.vtu_every_ms <= 0.0 {
+        return Ok(None);
+    }
+    let every_ms = context.vtu_every_ms.max(spec.time_step_ms);
+    let with_calcium = !matches!(spec.contraction, ContractionSpec::Tanh { .. });
+    let (series, bytes) = Series::begin(context.artefacts.directory(), mesh, ventricle, every_ms, with_calcium)?;
+    let n_frames = Series::n_frames_of(every_ms, spec.cycle_length_ms);
+    let (frame, all) = (bytes as f64 * 1e-6, (n_frames * bytes) as f64 * 1e-6);
+    tracing::info!("VTU series: {n_frames} frames of {frame:.2} MB, {all:.0} MB in all, in {}/", series::FOLDER);
+    Ok(Some(series))
 }
 
 fn sum(a: VentricleWork, b: VentricleWork) -> VentricleWork {
@@ -152,7 +198,7 @@ pub(super) fn assemble(spec: &OrganBeatSpec, organ: &FiniteElementOrgan) -> Resu
         DEFAULT_EXPONENT,
     )
     .map_err(TaskError::PassiveState)?;
-    let surroundings = Surroundings { heart: heart(spec), onset: Ms(figures.onset_ms) };
+    let surroundings = Surroundings { heart: left_heart(spec), onset: Ms(figures.onset_ms) };
     let contraction = contraction(&spec.contraction, spec.cycle_length_ms)?;
     let effects = effects(&spec.circulation.effects)?;
     let parts = in_three_dimensions(&surroundings, reference, contraction, &effects)?;
@@ -183,7 +229,7 @@ pub(super) fn assemble(spec: &OrganBeatSpec, organ: &FiniteElementOrgan) -> Resu
         },
     })
     .map_err(TaskError::Organ)?;
-    Ok(Organ { ventricle, circulation: parts.circulation })
+    Ok(Organ { ventricle, circulation: parts.circulation, mesh: stored.mesh })
 }
 
 /// The delay of a node in the late part: a sector around the lateral side, opposite the septum at −x.

@@ -11,6 +11,7 @@ use cardiotwin_mesh::eikonal::{Conduction, Speeds, activation_ms};
 use cardiotwin_mesh::ellipsoid::{EllipsoidSpec, generate};
 use cardiotwin_mesh::fibres::{Angles, Longitudinal, fields, frames};
 use cardiotwin_mesh::order::Renumbering;
+use cardiotwin_mesh::quality::Quality;
 use cardiotwin_mesh::tags;
 use cardiotwin_mesh::tet_mesh::TetMesh;
 use cardiotwin_models::effects::{EffectSetting, InThreeDimensions};
@@ -111,15 +112,18 @@ impl Target {
     }
 }
 
-/// Mesh with fibres, and activation times of its nodes from the first on.
+/// Mesh with fibres, and activation times of its nodes from the first on; adds what mesh, fibres and activation took.
 fn mesh(
     anatomy: &AnatomySpec,
     n_nodes: u32,
     image_ml: f64,
     wall_ml: f64,
+    seconds: &mut [f64; 3],
 ) -> Result<(TetMesh, Vec<f64>), FiniteElementError> {
+    let begun = Instant::now();
     let made = generate(&EllipsoidSpec::new(Ml(image_ml), Ml(wall_ml), n_nodes as usize))?;
     let mut mesh = Renumbering::reverse_cuthill_mckee(&made.mesh).apply(&made.mesh);
+    let meshed = begun.elapsed().as_secs_f64();
     let muscle = [tags::LEFT_VENTRICLE];
     let found = fields(&mesh, &muscle, Longitudinal::FromBase)?;
     let f = &anatomy.fibres;
@@ -130,6 +134,7 @@ fn mesh(
         beta_epi_deg: f.beta_epi_deg,
     };
     mesh.frames = frames(&mesh, &muscle, &found, &angles);
+    let fibred = begun.elapsed().as_secs_f64();
     let speeds = &anatomy.conduction;
     let conduction = Conduction {
         speeds: Speeds { fibre: speeds.along_m_per_s, sheet: speeds.across_m_per_s, normal: speeds.across_m_per_s },
@@ -138,6 +143,10 @@ fn mesh(
         sites: made.shape.fascicles().to_vec(),
     };
     let times = activation_ms(&mesh, &conduction)?;
+    let activated = begun.elapsed().as_secs_f64();
+    for (sum, own) in seconds.iter_mut().zip([meshed, fibred - meshed, activated - fibred]) {
+        *sum += own;
+    }
     Ok((mesh, times))
 }
 
@@ -179,8 +188,8 @@ struct Built {
     wall: WallParameters,
     /// Factor of all exponents.
     exponent_factor: f64,
-    /// Of mesh and fit \[s\].
-    seconds: [f64; 2],
+    /// Of mesh, fibres, activation and fit \[s\].
+    seconds: [f64; 4],
 }
 
 /// Mesh, fibres, activation and passive state for a target. A large mesh's law is searched for on a small one first.
@@ -200,7 +209,7 @@ fn build(
     };
     let mut start = wall::parameters(&spec.wall, first_factor, 0.0);
     let begun = Instant::now();
-    let mut seconds_mesh = 0.0;
+    let mut seconds = [0.0; 3];
     let sizes = if given || spec.mesh_nodes <= 4 * FIRST_NODES {
         vec![spec.mesh_nodes]
     } else {
@@ -209,11 +218,9 @@ fn build(
     for n_nodes in sizes {
         context.check_stop()?;
         context.progress.report("mesh", 0.0, None, || format!("about {n_nodes} nodes"));
-        let before = begun.elapsed().as_secs_f64();
-        let (mesh, times) = mesh(spec, n_nodes, target.image_ml, wall_ml)?;
+        let (mesh, times) = mesh(spec, n_nodes, target.image_ml, wall_ml, &mut seconds)?;
         let anatomy = Anatomy::of(&mesh, &[tags::LEFT_VENTRICLE], wall::element(spec.element))
             .map_err(FiniteElementError::from)?;
-        seconds_mesh += begun.elapsed().as_secs_f64() - before;
         let degrees_of_freedom = 3 * anatomy.nodes.len();
         context.progress.report("unloading", 0.0, None, || {
             format!("{} nodes, {} tetrahedra, {degrees_of_freedom} degrees of freedom", mesh.n_nodes(), mesh.n_tets())
@@ -227,7 +234,8 @@ fn build(
         }
         let (state, wall) = fitted(&anatomy, &start, of_effects, &goal)?;
         let exponent_factor = wall.muscle.b_f / spec.wall.b_f;
-        let seconds = [seconds_mesh, begun.elapsed().as_secs_f64() - seconds_mesh];
+        let [meshed, fibres, activation] = seconds;
+        let seconds = [meshed, fibres, activation, begun.elapsed().as_secs_f64() - meshed - fibres - activation];
         return Ok(Built { mesh, times, degrees_of_freedom, state, wall, exponent_factor, seconds });
     }
     unreachable!("the last size returns")
@@ -277,8 +285,16 @@ pub(super) fn make(
                 .to_owned(),
         });
     }
-    count("seconds_mesh", seconds[0]);
-    count("seconds_unloading", seconds[1]);
+    let names = ["seconds_mesh", "seconds_fibres", "seconds_activation", "seconds_unloading"];
+    for (name, seconds) in names.into_iter().zip(seconds) {
+        count(name, seconds);
+    }
+    let quality = Quality::of(&mesh);
+    count("mesh_edge_shortest_mm", quality.min_edge_mm);
+    count("mesh_edge_longest_mm", quality.max_edge_mm);
+    count("mesh_mean_ratio_least", quality.min);
+    count("mesh_mean_ratio_mean", quality.mean);
+    count("mesh_dihedral_largest_deg", quality.max_dihedral_deg);
     count("newton_iterations", state.newton_iterations as f64);
     count("unloading_passes", state.passes as f64);
 

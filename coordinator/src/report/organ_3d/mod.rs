@@ -1,0 +1,102 @@
+//! A patient's finite-element ventricle: pictures, the nodes' spread, mesh and cost, and what an accepted effect changed.
+
+mod before;
+mod camera;
+mod cost;
+mod heart;
+mod palette;
+mod spread;
+
+use cardiotwin_schemas::organ::OrganSpec;
+use cardiotwin_schemas::record::PatientRecord;
+use cardiotwin_schemas::settings::Fidelity;
+use maud::{Markup, html};
+
+use super::figures::figure;
+use crate::results::{HeartFile, Signals, SpreadFile};
+
+pub use palette::css;
+pub use spread::spread_svg;
+
+/// What the simulations left for this part.
+#[derive(Debug, Default)]
+pub struct Drawn {
+    /// The wall in step 1's result.
+    pub heart: Option<HeartFile>,
+    /// How its nodes' traces spread.
+    pub spread: Option<SpreadFile>,
+    /// One sentence a file that is recorded, but cannot be used.
+    pub problems: Vec<String>,
+}
+
+impl Drawn {
+    /// Reads what the record points to.
+    #[must_use]
+    pub fn read(patient: &PatientRecord) -> Self {
+        let mut drawn = Self::default();
+        match HeartFile::read(patient) {
+            Ok(heart) => drawn.heart = heart,
+            Err(error) => drawn.problems.push(error.to_string()),
+        }
+        match SpreadFile::read(patient) {
+            Ok(spread) => drawn.spread = spread,
+            Err(error) => drawn.problems.push(error.to_string()),
+        }
+        drawn
+    }
+}
+
+fn is_3d(patient: &PatientRecord) -> bool {
+    match &patient.step0 {
+        Some(step0) => matches!(step0.result.organ, OrganSpec::FiniteElement(_)),
+        None => patient.plan.settings.solver.fidelity == Fidelity::FiniteElement,
+    }
+}
+
+/// The part of a patient whose organ is a finite-element ventricle; nothing of another.
+#[must_use]
+pub fn part(patient: &PatientRecord, signals: &Signals) -> Markup {
+    if !is_3d(patient) {
+        return Markup::default();
+    }
+    let drawn = Drawn::read(patient);
+    html! {
+        h3 { "3D ventricle" }
+        @for problem in &drawn.problems { p.absent { (problem) } }
+        @match &drawn.heart {
+            Some(file) => (heart::pictures(&file.heart, patient.plan.id.as_str(), &file.name)),
+            None if patient.iterations.iter().any(|i| i.run.is_some()) => p.absent {
+                "No picture: this simulation was made by a version of the program that kept none. "
+                code { "cardiotwin run COHORT --run-dir NEW" } " simulates anew and keeps one."
+            },
+            None => p.absent { "No picture: no simulation of this patient has finished." },
+        }
+        (spread_figures(patient, drawn.spread.as_ref()))
+        (before::part(patient, signals))
+        div.tables {
+            @if let Some(table) = cost::mesh(patient) { (table) }
+            @if let Some(table) = cost::simulations(patient) { (table) }
+        }
+    }
+}
+
+/// The nodes' spread; of a reduced ventricle these are its activation groups.
+fn spread_figures(patient: &PatientRecord, spread: Option<&SpreadFile>) -> Markup {
+    let Some(file) = spread else {
+        return html! {
+            @if patient.targets.is_some() {
+                p.absent { "No spread over the nodes: the targets were made by a version of the program that kept none." }
+            }
+        };
+    };
+    let note = html! { span.quiet { ": median, half and nine tenths of the wall" } };
+    html! {
+        p.quiet {
+            "Nodal traces of step 1's result, aligned by activation time: the line is the median that step 2 aims at, the dark "
+            "band holds half of the wall, the light one nine tenths."
+        }
+        div.figures {
+            @for (title, chart) in spread::charts(file, patient.plan.id.as_str()) { (figure(title, Some(chart), "", &note)) }
+        }
+    }
+}

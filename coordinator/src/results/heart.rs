@@ -1,0 +1,128 @@
+//! The picture's surface of a patient's step 1, read from its artefact.
+
+use std::path::PathBuf;
+
+use cardiotwin_schemas::SCHEMA_VERSION;
+use cardiotwin_schemas::heart::HeartSurface;
+use cardiotwin_schemas::record::PatientRecord;
+
+use super::comparison::PatientView;
+
+/// A surface that cannot be used.
+#[derive(Debug, thiserror::Error)]
+pub enum HeartError {
+    /// Absent or unreadable.
+    #[error("cannot read {file}: {source}")]
+    Read {
+        /// The file.
+        file: PathBuf,
+        /// The cause.
+        source: std::io::Error,
+    },
+    /// No surface.
+    #[error("{file} is no surface of a heart: {source}")]
+    Format {
+        /// The file.
+        file: PathBuf,
+        /// Where and why.
+        source: serde_json::Error,
+    },
+    /// Of another version, or with numbers that point nowhere.
+    #[error("{file} is no surface of a heart in format {SCHEMA_VERSION}: {what}")]
+    Content {
+        /// The file.
+        file: PathBuf,
+        /// What is wrong.
+        what: String,
+    },
+}
+
+/// A surface and whose it is.
+#[derive(Debug, Clone, PartialEq)]
+pub struct HeartFile {
+    /// The simulation in words.
+    pub name: String,
+    /// The surface; its triangles' corners are there in every state.
+    pub heart: HeartSurface,
+}
+
+impl HeartFile {
+    /// Of the iterate that step 1 took; `None` where it left none.
+    ///
+    /// # Errors
+    /// [`HeartError`] naming the file.
+    pub fn read(patient: &PatientRecord) -> Result<Option<Self>, HeartError> {
+        let Some(iteration) = PatientView(patient).best_iteration() else { return Ok(None) };
+        let Some(file) = iteration.run.as_ref().and_then(|run| run.artefact("heart")) else { return Ok(None) };
+        let bytes = match std::fs::read(&file) {
+            Ok(bytes) => bytes,
+            Err(source) => return Err(HeartError::Read { file, source }),
+        };
+        let heart: HeartSurface = match serde_json::from_slice(&bytes) {
+            Ok(heart) => heart,
+            Err(source) => return Err(HeartError::Format { file, source }),
+        };
+        match wrong(&heart) {
+            Some(what) => Err(HeartError::Content { file, what }),
+            None => Ok(Some(Self { name: format!("step 1, iteration {}", iteration.number), heart })),
+        }
+    }
+}
+
+fn wrong(heart: &HeartSurface) -> Option<String> {
+    if heart.schema_version != SCHEMA_VERSION {
+        return Some(format!("its format is {}", heart.schema_version));
+    }
+    if heart.states.len() != 2 {
+        return Some(format!("{} states, expected 2", heart.states.len()));
+    }
+    let n = heart.states[0].points_mm.len();
+    let even =
+        |s: &cardiotwin_schemas::heart::HeartState| [s.points_mm.len(), s.sa_kpa.len(), s.lambda.len()] == [n; 3];
+    if !heart.states.iter().all(even) {
+        return Some(format!("a state with other than {n} corners"));
+    }
+    let corners = heart.parts.iter().flat_map(|part| part.triangles.as_flattened());
+    corners.max().filter(|last| **last as usize >= n).map(|last| format!("corner {last} of {n}"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use cardiotwin_schemas::heart::{HeartPart, HeartState};
+
+    #[test]
+    fn numbers_that_point_nowhere_are_refused() {
+        let state = HeartState {
+            name: "end-diastole".into(),
+            time_ms: 0.0,
+            volume_ml: 1.0,
+            pressure_mmhg: 1.0,
+            points_mm: vec![[0.0; 3]; 3],
+            sa_kpa: vec![None; 3],
+            lambda: vec![None; 3],
+        };
+        let part = HeartPart { surface: "cut".into(), contracts: true, triangles: vec![[0, 1, 2]] };
+        let good = HeartSurface {
+            schema_version: SCHEMA_VERSION,
+            long_axis: [0.0, 0.0, 1.0],
+            towards_viewer: [0.0, -1.0, 0.0],
+            triangles_before: 1,
+            parts: vec![part],
+            states: vec![state.clone(), state],
+        };
+        assert_eq!(wrong(&good), None);
+        let mut bad = good.clone();
+        bad.parts[0].triangles[0][2] = 3;
+        assert_eq!(wrong(&bad).unwrap(), "corner 3 of 3");
+        bad = good.clone();
+        bad.states[1].lambda.pop();
+        assert!(wrong(&bad).unwrap().contains("other than 3"));
+        bad = good.clone();
+        bad.schema_version += 1;
+        assert!(wrong(&bad).is_some());
+        bad = good;
+        bad.states.pop();
+        assert!(wrong(&bad).is_some());
+    }
+}
