@@ -25,6 +25,18 @@ pub struct Settings {
     pub executor: ExecutorSettings,
 }
 
+impl Settings {
+    /// How step 1 finds the next parameters, with [`Update::Auto`] resolved.
+    #[must_use]
+    pub fn step1_update(&self) -> Update {
+        match (self.step1.update, self.solver.fidelity) {
+            (Update::Auto, Fidelity::FiniteElement) => Update::SpaceMapping,
+            (Update::Auto, Fidelity::Reduced) => Update::FixedPoint,
+            (given, _) => given,
+        }
+    }
+}
+
 /// Which organ is simulated.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
@@ -70,7 +82,7 @@ pub struct SolverSettings {
 impl Default for SolverSettings {
     fn default() -> Self {
         Self {
-            fidelity: Fidelity::Reduced,
+            fidelity: Fidelity::FiniteElement,
             time_step_ms: 1.0,
             shortest_step_ms: 1.0 / 64.0,
             newton_iterations: 60,
@@ -115,8 +127,10 @@ pub enum StopRule {
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Update {
-    /// The paper's: each parameter times the ratio of one biomarker.
+    /// Space mapping for the finite-element ventricle; the fixed point for the reduced one, which would propose to itself.
     #[default]
+    Auto,
+    /// The paper's: each parameter times the ratio of one biomarker.
     FixedPoint,
     /// The one-fibre ventricle, corrected to the simulations so far, proposes.
     SpaceMapping,

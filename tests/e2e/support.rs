@@ -124,7 +124,8 @@ impl Cohort {
                 std::fs::copy(bundled.join(id).join(name), patient.join(name)).unwrap();
             }
         }
-        std::fs::write(folder.path().join("cohort.toml"), format!("name = \"two\"\n{settings}")).unwrap();
+        let head = "name = \"two\"\nsolver.fidelity = \"reduced\"\n";
+        std::fs::write(folder.path().join("cohort.toml"), format!("{head}{}", settings.trim_start())).unwrap();
         Self { folder }
     }
 

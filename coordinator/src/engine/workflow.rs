@@ -201,16 +201,17 @@ impl<'a> Derivation<'a, '_> {
         history.resumed_at = history.iterations.len();
         loop {
             let number = runs.len() as u32 + 1;
-            let decision = match settings.update {
-                Update::FixedPoint => fixed_point::decide(&fixed_settings, &measured, &history),
-                Update::SpaceMapping => match fixed_point::ended(&fixed_settings, &measured, &history) {
+            let decision = if self.plan.settings.step1_update() == Update::SpaceMapping {
+                match fixed_point::ended(&fixed_settings, &measured, &history) {
                     Ok(None) => match self.proposal(step0, &start, &runs)?.filter(|next| history.lacks(next)) {
                         Some(parameters) => Ok(fixed_point::Decision::Next { parameters, from: None }),
                         None => fixed_point::nothing_new(&fixed_settings, &measured, &history),
                     },
                     Ok(Some(ended)) => Ok(ended),
                     Err(error) => Err(error),
-                },
+                }
+            } else {
+                fixed_point::decide(&fixed_settings, &measured, &history)
             };
             let decision = decision.map_err(|error| invalid(number, error.to_string()))?;
             match decision {

@@ -61,7 +61,7 @@ pub fn details(patient: &PatientRecord) -> Markup {
             }
             p {
                 "Settings: step 1 tolerance " (significant(settings.step1.tolerance, 2)) ", damping " (significant(settings.step1.damping, 2))
-                @if settings.step1.update == Update::SpaceMapping { ", space mapping" }
+                @if settings.step1_update() == Update::SpaceMapping { ", space mapping" }
                 ", at most " (settings.step1.max_iterations) " iterations; step 2 seed " (settings.step2.seed)
                 ", population " (settings.step2.popsize as usize * settings.step2.parameters.len())
                 ", tolerance " (significant(settings.step2.tol, 2)) "; time step " (significant(settings.solver.time_step_ms, 2))

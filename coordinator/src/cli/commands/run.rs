@@ -47,7 +47,7 @@ pub struct RunArgs {
     #[arg(long, value_name = "N")]
     mesh_nodes: Option<u32>,
     /// How step 1 finds the next parameters (step1.update)
-    #[arg(long, value_name = "NAME", value_parser = ["fixed-point", "space-mapping"])]
+    #[arg(long, value_name = "NAME", value_parser = ["auto", "fixed-point", "space-mapping"])]
     update: Option<String>,
     /// Write a series of VTU files for ParaView each so many simulated ms in every 3D simulation (executor.vtu_every_ms)
     #[arg(long, value_name = "MS")]

@@ -256,9 +256,10 @@ fn hint(record: &PatientRecord, folders: &Folders) -> Option<String> {
         return Some(format!("`cardiotwin logs {id}{of}` shows what the worker said"));
     }
     let stalled = record.step1.is_some() && !PatientView(record).step1_converged();
-    let other = match record.plan.settings.step1.update {
-        Update::FixedPoint => "--damping 0.5",
-        Update::SpaceMapping => "--set step1.update=fixed-point",
+    let other = if record.plan.settings.step1_update() == Update::SpaceMapping {
+        "--set step1.update=fixed-point"
+    } else {
+        "--damping 0.5"
     };
     stalled.then(|| format!("`cardiotwin rerun {id} --from step1 {other}{of}` goes on from the stored iterations"))
 }

@@ -43,7 +43,7 @@ pub struct EllipsoidSpec {
 }
 
 impl EllipsoidSpec {
-    /// Default proportions: semi-axes 2.2 to 1, wall up to 0.25 and ring up to 0.31 of the long semi-axis above the
+    /// Default proportions: semi-axes 2.43 to 1, wall up to 0.3 and ring up to 0.34 of the long semi-axis above the
     /// equator, apical wall 0.8 of the equatorial one, a third of the circumference for the septum. Assumptions of ours.
     #[must_use]
     pub fn new(cavity: Ml, wall: Ml, n_nodes: usize) -> Self {
@@ -51,9 +51,9 @@ impl EllipsoidSpec {
             cavity,
             wall,
             n_nodes,
-            long_to_short: 2.2,
-            base_height: 0.25,
-            ring_height: 0.06,
+            long_to_short: 2.43,
+            base_height: 0.3,
+            ring_height: 0.04,
             apex_wall: 0.8,
             septum_deg: 120.0,
         }
