@@ -156,7 +156,7 @@ pub struct FiniteElementSettings {
 impl Default for FiniteElementSettings {
     fn default() -> Self {
         Self {
-            mesh_nodes: 500,
+            mesh_nodes: 1000,
             element: ElementKind::default(),
             tolerance: 1e-4,
             newton_iterations: 12,

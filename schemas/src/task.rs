@@ -74,8 +74,8 @@ impl TaskSpec {
         match self {
             Self::CellFit(_) => 3,
             Self::Discover(_) => 3,
-            Self::PassiveState(_) | Self::OrganBeat(_) => 2,
-            Self::Step1Proposal(_) | Self::Targets(_) | Self::CellSweep(_) | Self::Noop(_) => 1,
+            Self::PassiveState(_) | Self::OrganBeat(_) | Self::Step1Proposal(_) => 2,
+            Self::Targets(_) | Self::CellSweep(_) | Self::Noop(_) => 1,
         }
     }
 

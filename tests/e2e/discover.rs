@@ -142,7 +142,8 @@ fn what_is_accepted_is_personalised_with_until_it_is_reverted() {
 fn an_accepted_artefact_corrects_the_data() {
     let folder = tempfile::tempdir().unwrap();
     copy(&case("dev-013"), &folder.path().join("patients/dev-013"));
-    let settings = "name = \"one\"\nsolver.fidelity = \"reduced\"\n[step2]\npopsize = 3\nmax_generations = 2\npolish = false\n";
+    let settings =
+        "name = \"one\"\nsolver.fidelity = \"reduced\"\n[step2]\npopsize = 3\nmax_generations = 2\npolish = false\n";
     fs::write(folder.path().join("cohort.toml"), settings).unwrap();
     let accept = ["discover", "patients/dev-013", "--effects", "pv_misalignment,atrial_kick", "--accept"];
     let said = cardiotwin(folder.path(), &accept).expect(0);

@@ -41,7 +41,11 @@ fn a_fit_becomes_a_cohorts_default() {
         } else {
             format!("[step2]\n{quick}\n{settings}")
         };
-        std::fs::write(cohort.path().join("cohort.toml"), format!("name = \"fitted\"\nsolver.fidelity = \"reduced\"\n{table}")).unwrap();
+        std::fs::write(
+            cohort.path().join("cohort.toml"),
+            format!("name = \"fitted\"\nsolver.fidelity = \"reduced\"\n{table}"),
+        )
+        .unwrap();
         cohort.call(&["check", "--strict"]).expect(0);
         cohort.call(&["run", "--no-report"]).expect(0);
         let patient = cohort.patient("01-CoA");

@@ -73,7 +73,8 @@ fn newton_is_quadratic_on_a_static_problem() {
     for step in &solution.report.steps {
         let first = step.residuals[0];
         // The last drops: those before are not near the solution yet, those below round-off say nothing.
-        let near: Vec<f64> = step.residuals.iter().copied().filter(|r| *r < 1e-1 * first && *r > 1e-12 * first).collect();
+        let near: Vec<f64> =
+            step.residuals.iter().copied().filter(|r| *r < 1e-1 * first && *r > 1e-12 * first).collect();
         orders.extend(near.windows(3).map(|r| (r[2] / r[1]).ln() / (r[1] / r[0]).ln()));
         println!("{:?}", step.residuals);
     }

@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 /// Weight of the squared distance of the logarithms from the best run: chooses among parameters that serve alike.
 const NEARNESS: f64 = 0.005;
 /// The same before the first run, from the initial guess.
-const NEARNESS_AT_FIRST: f64 = 0.02;
+const NEARNESS_AT_FIRST: f64 = 0.05;
 /// Residual of each biomarker where the cheap model cannot even end its beat.
 const FAILED: f64 = 3.0;
 
