@@ -37,6 +37,7 @@ mod tests {
     #[test]
     fn the_size_is_told_and_a_reduced_ventricle_is_told_apart() {
         let mut plan = ResolvedPatient::without_data("P1".into(), Workflow::Personalise);
+        plan.settings.solver.fidelity = Fidelity::Reduced;
         assert_eq!(announcement(&plan, 0.0), None);
         assert!(announcement(&plan, 10.0).unwrap().contains("no mesh"));
         plan.settings.solver.fidelity = Fidelity::FiniteElement;
