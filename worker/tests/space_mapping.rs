@@ -164,7 +164,7 @@ fn space_mapping_needs_fewer_simulations_than_the_fixed_point_for_every_patient(
 fn where_the_same_ventricle_is_simulated_the_first_proposal_is_near_its_optimum() {
     for id in ["01-CoA", "04-CoA"] {
         let costs = Patient::new(id).space_mapping(1, false);
-        assert!(costs[0] < 0.05, "{id}: {costs:?}");
+        assert!(costs[0] < 0.1, "{id}: {costs:?}");
     }
 }
 
