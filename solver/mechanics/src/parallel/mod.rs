@@ -3,6 +3,10 @@
 
 mod communicator;
 mod layout;
+mod partition;
+mod threads;
 
 pub use communicator::{Communicator, SingleProcess};
 pub use layout::{Layout, Neighbour, Space};
+pub use partition::{CutFigures, PartitionError, figures as cut_figures, owners};
+pub use threads::{Crew, RankFailure, ThreadRank, ThreadSettings, crew, on_threads};

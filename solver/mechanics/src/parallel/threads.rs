@@ -1,0 +1,439 @@
+//! Ranks as threads of one process.
+//!
+//! A reduction is one post of each rank on its own desk, which all others read: two sets of values take turns, so that a rank
+//! that is ahead overwrites nothing that another still reads. Halos pass through a letterbox for each pair of ranks. A rank
+//! that waits spins for a few microseconds, offers its core to others, then sleeps.
+//!
+//! Nothing waits for ever: when a rank fails, leaves before its time, or lets another wait for longer than
+//! [`ThreadSettings::patience`], all ranks end with one [`RankFailure`].
+
+use std::any::Any;
+use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
+use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::thread::JoinHandle;
+
+// A length of time, not a clock.
+use core::time::Duration;
+
+use super::{Communicator, Layout};
+
+/// Values that one post holds; longer lists go in several.
+const POST: usize = 16;
+/// How often a rank that waits looks before it offers its core.
+const SPINS: usize = 500;
+/// How often it offers its core before it sleeps.
+const YIELDS: usize = 50;
+
+/// Settings of a group.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct ThreadSettings {
+    /// A rank that waits for another one for longer ends the group.
+    pub patience: Duration,
+}
+
+impl Default for ThreadSettings {
+    fn default() -> Self {
+        Self { patience: Duration::from_secs(600) }
+    }
+}
+
+/// Why a group ended: what the first rank that failed says.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("rank {rank} of {n_ranks}: {reason}")]
+pub struct RankFailure {
+    /// Which rank, from zero.
+    pub rank: usize,
+    /// Ranks of the group.
+    pub n_ranks: usize,
+    /// Its reason.
+    pub reason: String,
+}
+
+/// What the ranks unwind with that did not fail themselves.
+struct Ended;
+
+/// Where a rank posts what it adds to a reduction.
+#[derive(Debug, Default)]
+#[repr(align(128))]
+struct Desk {
+    /// Posts so far; only the desk's rank writes it.
+    posts: AtomicU64,
+    values: [[AtomicU64; POST]; 2],
+    left: AtomicBool,
+}
+
+/// Letters from one rank to another.
+#[derive(Debug, Default)]
+#[repr(align(128))]
+struct Letterbox {
+    sent: AtomicU64,
+    taken: AtomicU64,
+    letters: [Mutex<Vec<f64>>; 2],
+}
+
+#[derive(Debug)]
+struct Group {
+    desks: Vec<Desk>,
+    /// From `a` to `b` at `a · n + b`.
+    letterboxes: Vec<Letterbox>,
+    ended: AtomicBool,
+    failure: Mutex<Option<RankFailure>>,
+    sleepers: AtomicUsize,
+    bed: Mutex<()>,
+    bell: Condvar,
+    patience: Duration,
+}
+
+fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    // What a rank that unwinds leaves behind is not read any more.
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+impl Group {
+    fn new(n_ranks: usize, settings: ThreadSettings) -> Self {
+        Self {
+            desks: (0..n_ranks).map(|_| Desk::default()).collect(),
+            letterboxes: (0..n_ranks * n_ranks).map(|_| Letterbox::default()).collect(),
+            ended: AtomicBool::new(false),
+            failure: Mutex::new(None),
+            sleepers: AtomicUsize::new(0),
+            bed: Mutex::new(()),
+            bell: Condvar::new(),
+            patience: settings.patience,
+        }
+    }
+
+    /// Wakes whoever sleeps, after something changed.
+    fn ring(&self) {
+        // Sequentially consistent like the change itself: a sleeper that this does not see, sees the change.
+        if self.sleepers.load(Ordering::SeqCst) > 0 {
+            drop(locked(&self.bed));
+            self.bell.notify_all();
+        }
+    }
+
+    fn end(&self) {
+        self.ended.store(true, Ordering::SeqCst);
+        self.ring();
+    }
+
+    /// Ends the group; the first failure counts.
+    fn fail(&self, rank: usize, reason: String) {
+        let n_ranks = self.desks.len();
+        if !self.ended.load(Ordering::SeqCst) {
+            locked(&self.failure).get_or_insert(RankFailure { rank, n_ranks, reason });
+        }
+        self.end();
+    }
+
+    fn leave(&self, rank: usize) {
+        self.desks[rank].left.store(true, Ordering::SeqCst);
+        self.ring();
+    }
+
+    /// Runs `work`, and ends the group where it fails.
+    fn guard<T>(&self, rank: usize, work: impl FnOnce() -> T) -> Option<T> {
+        let done = catch_unwind(AssertUnwindSafe(work));
+        let out = match done {
+            Ok(out) => Some(out),
+            Err(payload) => {
+                if !payload.is::<Ended>() {
+                    self.fail(rank, text(payload.as_ref()));
+                }
+                None
+            }
+        };
+        self.leave(rank);
+        out
+    }
+}
+
+fn text(payload: &(dyn Any + Send)) -> String {
+    let text = payload.downcast_ref::<&str>().map(|t| (*t).to_owned());
+    text.or_else(|| payload.downcast_ref::<String>().cloned()).unwrap_or_else(|| "panicked without a word".to_owned())
+}
+
+/// A rank of a group of threads.
+#[derive(Debug, Clone)]
+pub struct ThreadRank {
+    rank: usize,
+    group: Arc<Group>,
+}
+
+impl ThreadRank {
+    /// Waits until `done`, which `other` brings about.
+    fn wait(&self, other: usize, patience: Option<Duration>, done: impl Fn() -> bool) {
+        for _ in 0..SPINS {
+            if done() {
+                return;
+            }
+            std::hint::spin_loop();
+        }
+        for _ in 0..YIELDS {
+            if done() {
+                return;
+            }
+            std::thread::yield_now();
+        }
+        let group = &*self.group;
+        let mut bed = locked(&group.bed);
+        group.sleepers.fetch_add(1, Ordering::SeqCst);
+        let why = loop {
+            let left = group.desks[other].left.load(Ordering::SeqCst);
+            if done() {
+                break None;
+            }
+            if group.ended.load(Ordering::SeqCst) {
+                break Some(None);
+            }
+            if left {
+                break Some(Some(format!("rank {other} has left, and will not do its part")));
+            }
+            bed = match patience {
+                None => group.bell.wait(bed).unwrap_or_else(PoisonError::into_inner),
+                Some(patience) => {
+                    let (bed, waited) = group.bell.wait_timeout(bed, patience).unwrap_or_else(PoisonError::into_inner);
+                    if waited.timed_out() && !done() {
+                        break Some(Some(format!("no progress: waited {} s for rank {other}", patience.as_secs_f64())));
+                    }
+                    bed
+                }
+            };
+        };
+        group.sleepers.fetch_sub(1, Ordering::SeqCst);
+        if let Some(reason) = why {
+            if let Some(reason) = reason {
+                group.fail(self.rank, reason);
+            }
+            self.unwind();
+        }
+    }
+
+    /// Leaves a group that has ended; without the panic's hook, which had its say where the failure was one.
+    fn unwind(&self) -> ! {
+        match locked(&self.group.failure).clone() {
+            // Whoever called rank 0 hears why.
+            Some(failure) if self.rank == 0 => resume_unwind(Box::new(failure.to_string())),
+            _ => resume_unwind(Box::new(Ended)),
+        }
+    }
+
+    /// Posts up to [`POST`] values and returns the number of the post.
+    fn post(&self, values: &[f64]) -> u64 {
+        let group = &*self.group;
+        let desk = &group.desks[self.rank];
+        let number = desk.posts.load(Ordering::Relaxed) + 1;
+        // Who has posted the one before has read the one before that, whose place this takes.
+        for (rank, other) in group.desks.iter().enumerate() {
+            self.wait(rank, Some(group.patience), || other.posts.load(Ordering::SeqCst) + 1 >= number);
+        }
+        for (place, value) in desk.values[(number & 1) as usize].iter().zip(values) {
+            place.store(value.to_bits(), Ordering::Relaxed);
+        }
+        desk.posts.store(number, Ordering::SeqCst);
+        group.ring();
+        number
+    }
+
+    /// The post of another rank, once it is there.
+    fn read(&self, other: usize, number: u64, patience: Option<Duration>) -> &[AtomicU64; POST] {
+        let desk = &self.group.desks[other];
+        self.wait(other, patience, || desk.posts.load(Ordering::SeqCst) >= number);
+        &desk.values[(number & 1) as usize]
+    }
+
+    fn reduce(&self, values: &mut [f64], add: impl Fn(f64, f64) -> f64) {
+        for values in values.chunks_mut(POST) {
+            let number = self.post(values);
+            for rank in 0..self.n_ranks() {
+                let posted = self.read(rank, number, Some(self.group.patience));
+                for (value, posted) in values.iter_mut().zip(posted) {
+                    let posted = f64::from_bits(posted.load(Ordering::Relaxed));
+                    *value = if rank == 0 { posted } else { add(*value, posted) };
+                }
+            }
+        }
+    }
+
+    fn broadcast_within(&self, values: &mut [f64], patience: Option<Duration>) {
+        for values in values.chunks_mut(POST) {
+            let number = self.post(values);
+            if self.rank > 0 {
+                for (value, posted) in values.iter_mut().zip(self.read(0, number, patience)) {
+                    *value = f64::from_bits(posted.load(Ordering::Relaxed));
+                }
+            }
+        }
+    }
+
+    fn send(&self, to: usize, write: impl FnOnce(&mut Vec<f64>)) {
+        let letterbox = &self.group.letterboxes[self.rank * self.n_ranks() + to];
+        let number = letterbox.sent.load(Ordering::Relaxed) + 1;
+        self.wait(to, Some(self.group.patience), || letterbox.taken.load(Ordering::SeqCst) + 2 >= number);
+        let mut letter = locked(&letterbox.letters[(number & 1) as usize]);
+        letter.clear();
+        write(&mut letter);
+        drop(letter);
+        letterbox.sent.store(number, Ordering::SeqCst);
+        self.group.ring();
+    }
+
+    fn receive<T>(&self, from: usize, read: impl FnOnce(&[f64]) -> T) -> T {
+        let letterbox = &self.group.letterboxes[from * self.n_ranks() + self.rank];
+        let number = letterbox.taken.load(Ordering::Relaxed) + 1;
+        self.wait(from, Some(self.group.patience), || letterbox.sent.load(Ordering::SeqCst) >= number);
+        let out = read(&locked(&letterbox.letters[(number & 1) as usize]));
+        letterbox.taken.store(number, Ordering::SeqCst);
+        self.group.ring();
+        out
+    }
+}
+
+impl Communicator for ThreadRank {
+    fn rank(&self) -> usize {
+        self.rank
+    }
+
+    fn n_ranks(&self) -> usize {
+        self.group.desks.len()
+    }
+
+    fn sum(&self, values: &mut [f64]) {
+        self.reduce(values, |a, b| a + b);
+    }
+
+    fn max(&self, values: &mut [f64]) {
+        self.reduce(values, |a, b| if a.is_nan() || b.is_nan() { f64::NAN } else { a.max(b) });
+    }
+
+    fn broadcast(&self, values: &mut [f64]) {
+        self.broadcast_within(values, Some(self.group.patience));
+    }
+
+    fn command(&self, values: &mut [f64]) {
+        self.broadcast_within(values, None);
+    }
+
+    fn update_ghosts(&self, layout: &Layout, width: usize, values: &mut [f64]) {
+        let of = |node: u32| node as usize * width..(node as usize + 1) * width;
+        for neighbour in &layout.neighbours {
+            self.send(neighbour.rank, |letter| {
+                neighbour.send.iter().for_each(|node| letter.extend_from_slice(&values[of(*node)]));
+            });
+        }
+        for neighbour in &layout.neighbours {
+            self.receive(neighbour.rank, |letter| {
+                for (node, value) in neighbour.receive.iter().zip(letter.chunks_exact(width)) {
+                    values[of(*node)].copy_from_slice(value);
+                }
+            });
+        }
+    }
+
+    fn gather(&self, values: &[f64]) -> Option<Vec<Vec<f64>>> {
+        if self.rank > 0 {
+            self.send(0, |letter| letter.extend_from_slice(values));
+            return None;
+        }
+        let others = (1..self.n_ranks()).map(|rank| self.receive(rank, <[f64]>::to_vec));
+        Some(std::iter::once(values.to_vec()).chain(others).collect())
+    }
+
+    fn scatter(&self, mut parts: Vec<Vec<f64>>) -> Vec<f64> {
+        if self.rank > 0 {
+            return self.receive(0, <[f64]>::to_vec);
+        }
+        for (rank, part) in parts.iter_mut().enumerate().skip(1) {
+            self.send(rank, |letter| std::mem::swap(letter, part));
+        }
+        parts.swap_remove(0)
+    }
+}
+
+/// The threads of the ranks from 1 on, which work beside the thread of rank 0.
+#[derive(Debug)]
+pub struct Crew {
+    group: Arc<Group>,
+    threads: Vec<JoinHandle<()>>,
+}
+
+/// Starts a thread for each rank from 1 on, which does what `work` gives for it; returns rank 0, for the calling thread, and the
+/// threads. When the crew is dropped, the group ends: ranks that wait for another unwind.
+///
+/// # Errors
+/// When the system gives no thread.
+pub fn crew<W: FnOnce(ThreadRank) + Send + 'static>(
+    n_ranks: usize,
+    settings: ThreadSettings,
+    mut work: impl FnMut(usize) -> W,
+) -> std::io::Result<(ThreadRank, Crew)> {
+    let group = Arc::new(Group::new(n_ranks.max(1), settings));
+    let first = ThreadRank { rank: 0, group: group.clone() };
+    let mut crew = Crew { group: group.clone(), threads: vec![] };
+    for rank in 1..n_ranks {
+        let (work, comm) = (work(rank), ThreadRank { rank, group: group.clone() });
+        let thread = std::thread::Builder::new().name(format!("rank {rank}"));
+        crew.threads.push(thread.spawn(move || {
+            let group = comm.group.clone();
+            group.guard(rank, || work(comm));
+        })?);
+    }
+    Ok((first, crew))
+}
+
+impl Crew {
+    /// Why the group ended, where a rank failed.
+    #[must_use]
+    pub fn failure(&self) -> Option<RankFailure> {
+        locked(&self.group.failure).clone()
+    }
+}
+
+impl Drop for Crew {
+    fn drop(&mut self) {
+        let group = &*self.group;
+        group.end();
+        let mut bed = locked(&group.bed);
+        group.sleepers.fetch_add(1, Ordering::SeqCst);
+        while !group.desks.iter().skip(1).take(self.threads.len()).all(|desk| desk.left.load(Ordering::SeqCst)) {
+            let (next, waited) = group.bell.wait_timeout(bed, group.patience).unwrap_or_else(PoisonError::into_inner);
+            bed = next;
+            if waited.timed_out() {
+                // A rank that computes for ever: better a thread too many than a program that hangs.
+                return;
+            }
+        }
+        group.sleepers.fetch_sub(1, Ordering::SeqCst);
+        drop(bed);
+        for thread in self.threads.drain(..) {
+            // It has caught what it panicked with.
+            let _ = thread.join();
+        }
+    }
+}
+
+/// Does `work` on every rank of a group, on the calling thread and on others; returns what the ranks return, in their order.
+///
+/// # Errors
+/// [`RankFailure`] of the first rank that panicked or waited too long.
+pub fn on_threads<T: Send>(
+    n_ranks: usize,
+    settings: ThreadSettings,
+    work: impl Fn(ThreadRank) -> T + Sync,
+) -> Result<Vec<T>, RankFailure> {
+    let group = Arc::new(Group::new(n_ranks.max(1), settings));
+    let on_rank = |rank: usize| group.guard(rank, || work(ThreadRank { rank, group: group.clone() }));
+    let done: Vec<Option<T>> = std::thread::scope(|scope| {
+        let others: Vec<_> = (1..n_ranks).map(|rank| scope.spawn(move || on_rank(rank))).collect();
+        let first = on_rank(0);
+        std::iter::once(first).chain(others.into_iter().map(|other| other.join().unwrap_or(None))).collect()
+    });
+    match locked(&group.failure).take() {
+        Some(failure) => Err(failure),
+        None => Ok(done.into_iter().flatten().collect()),
+    }
+}
+
+#[cfg(test)]
+mod tests;
