@@ -177,6 +177,28 @@ fn step_0_is_read_by_beats_that_stop_go_on_diverge_and_take_effects() {
         assert!(read(again.path(), name) == read(whole.path(), name), "{name} of the resumed beat differs");
     }
 
+    // The same on other numbers of threads: written on two, gone on from on three and on one.
+    let kept_by_two = tempfile::tempdir().unwrap();
+    let mut writing = Context {
+        checkpoints: Checkpoints::restarting(kept_by_two.path(), Path::new("nowhere"), None),
+        checkpoint_ms: 50.0,
+        checkpoint_apart: Duration::ZERO,
+        ..Context::plain(kept_by_two.path(), 2)
+    };
+    let mut others = vec![(2.0, finished(run(&short, &mut writing)))];
+    for threads in [1, 3] {
+        let again = tempfile::tempdir().unwrap();
+        let checkpoints = Checkpoints::restarting(again.path(), kept_by_two.path(), None);
+        let resumed = run(&short, &mut Context { checkpoints, ..Context::plain(again.path(), threads) });
+        others.push((f64::from(threads), finished(resumed)));
+    }
+    for (threads, other) in others {
+        assert_eq!(other.counters["threads"], threads);
+        assert_eq!(other.counters.get("resumed_at_ms"), if threads == 2.0 { None } else { Some(&150.0) });
+        let (want, got) = (result.biomarkers.p_max_mmhg.unwrap(), other.biomarkers.p_max_mmhg.unwrap());
+        assert!((got / want - 1.0).abs() < 1e-4, "{threads} threads: {got} for {want} mmHg");
+    }
+
     the_heart_is_drawn(whole.path(), &found);
     a_series_is_whole(whole.path(), again.path(), &found);
 

@@ -182,7 +182,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut ventricle = FiniteElementVentricle::new(VentricleParts {
         anatomy: &anatomy,
         wall: &wall,
-        end_diastole,
+        end_diastole: end_diastole.into(),
         contraction: GroupContraction::tanh(Tanh::new(tanh)?),
         activation_ms: &times,
         cycle_length,
@@ -218,7 +218,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         work.krylov_iterations as f64 / work.newton_iterations.max(1) as f64,
         work.factorisations
     );
-    print_kernels(ventricle.dynamics(), &ventricle.state().motion.u, mesh.n_tets());
+    print_kernels(ventricle.dynamics(), &ventricle.displacement_mm(), mesh.n_tets());
     let (p, v) = (&traces.pressure_mmhg, &traces.volume_ml);
     let range = |x: &[f64]| x.iter().fold((f64::MAX, f64::MIN), |(l, h), x| (l.min(*x), h.max(*x)));
     let slopes: Vec<f64> = p.windows(3).map(|w| 1e3 * (w[2] - w[0]) / (2.0 * settings.step.0)).collect();

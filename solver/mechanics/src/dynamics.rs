@@ -68,6 +68,8 @@ pub struct Dynamics {
     pub loads: Vec<SurfaceLoad>,
     /// Components that are held at zero, one entry a node; empty for none.
     pub fixed: Vec<[bool; 3]>,
+    /// Number in the whole mesh of each element of this rank; empty where it is the same.
+    pub elements: Vec<u32>,
     mass: Vec<f64>,
 }
 
@@ -110,8 +112,8 @@ impl Dynamics {
     pub fn new(body: Body, comm: Box<dyn Communicator>, scheme: GeneralisedAlpha) -> Self {
         let mut mass = body.masses();
         comm.update_ghosts(body.layout(), 1, &mut mass);
-        let (supports, loads, fixed) = (vec![], vec![], vec![]);
-        Self { body, comm, scheme, damping: Rayleigh::NONE, supports, cavity: None, loads, fixed, mass }
+        let (supports, loads, fixed, elements) = (vec![], vec![], vec![], vec![]);
+        Self { body, comm, scheme, damping: Rayleigh::NONE, supports, cavity: None, loads, fixed, elements, mass }
     }
 
     /// Vectors of the body.
@@ -126,10 +128,10 @@ impl Dynamics {
         &self.mass
     }
 
-    /// Cavity volume \[mm³\]; zero without a cavity.
+    /// Cavity volume \[mm³\]; zero without a cavity. Collective.
     #[must_use]
     pub fn cavity_volume(&self, u: &[f64]) -> f64 {
-        self.cavity.as_ref().map_or(0.0, |c| c.volume(self.body.reference(), u))
+        self.cavity.as_ref().map_or(0.0, |c| c.volume(self.comm.as_ref(), self.body.reference(), u))
     }
 
     /// Completes a candidate from its displacement: velocity, acceleration, deformation. Collective.
@@ -148,13 +150,25 @@ impl Dynamics {
         if let Some(cavity) = &self.cavity {
             candidate.load.clear();
             candidate.load.resize(candidate.motion.u.len(), 0.0);
-            cavity.add_forces(1.0, self.body.reference(), &candidate.motion.u, &mut candidate.load);
+            let (comm, reference) = (self.comm.as_ref(), self.body.reference());
+            cavity.add_forces(comm, 1.0, reference, &candidate.motion.u, &mut candidate.load);
         }
-        let (ratio, element) = candidate.deformation.smallest;
-        // The smallest over ranks; NaN counts as inverted everywhere.
-        let mut negative = [if ratio.is_nan() { f64::INFINITY } else { -ratio }];
-        self.comm.max(&mut negative);
-        Smallest { volume_ratio: -negative[0], element }
+        self.smallest(candidate.deformation.smallest)
+    }
+
+    /// The smallest volume ratio over ranks, NaN as minus infinity; where it is worth a word, with its element's number in the
+    /// whole mesh. Collective.
+    fn smallest(&self, (ratio, element): (f64, usize)) -> Smallest {
+        let own = if ratio.is_nan() { f64::INFINITY } else { -ratio };
+        let mut largest = [own];
+        self.comm.max(&mut largest);
+        let mut element = self.elements.get(element).map_or(element, |e| *e as usize);
+        if largest[0] > -0.5 && self.comm.n_ranks() > 1 {
+            let mut lowest = [if own == largest[0] { -(element as f64) } else { f64::NEG_INFINITY }];
+            self.comm.max(&mut lowest);
+            element = -lowest[0] as usize;
+        }
+        Smallest { volume_ratio: -largest[0], element }
     }
 
     /// `G` without internal forces and pressure, added to `force`.
@@ -212,12 +226,13 @@ impl Dynamics {
         (least_kpa * size[0] * size[0] / count[0].sqrt()).max(self.space().norm(force)).max(f64::MIN_POSITIVE)
     }
 
-    /// The cavity volume's gradient, overwriting `out` \[mm²\].
+    /// The cavity volume's gradient, overwriting `out` \[mm²\]. Collective.
     pub fn volume_row(&self, candidate: &Candidate, out: &mut Vec<f64>) {
         out.clear();
         out.resize(candidate.motion.u.len(), 0.0);
         if let Some(cavity) = &self.cavity {
-            cavity.add_volume_gradient(1.0, self.body.reference(), &candidate.motion.u, out);
+            let (comm, reference) = (self.comm.as_ref(), self.body.reference());
+            cavity.add_volume_gradient(comm, 1.0, reference, &candidate.motion.u, out);
         }
         self.hold(out);
     }
@@ -258,7 +273,7 @@ impl Dynamics {
         add_times(candidate.pressure_kpa, &candidate.load, force);
     }
 
-    /// The step's residual at a complete candidate \[mN\]; `force` becomes `G`.
+    /// The step's residual at a complete candidate \[mN\], complete on owned nodes; `force` becomes `G`.
     pub fn residual(&self, now: &State, candidate: &Candidate, force: &mut [f64], r: &mut [f64]) {
         self.forces(candidate, force);
         self.weigh(now, candidate, force, r);

@@ -16,7 +16,7 @@ use crate::linear::{
     SymmetricSweep, Tangent, conjugate_gradients, gmres,
 };
 use crate::newton::{LinearSolver, Smallest};
-use crate::parallel::Space;
+use crate::parallel::{Communicator, Disagreement, Space, agree};
 
 /// Active stress at the integration points for a candidate deformation.
 pub trait PointStress {
@@ -52,6 +52,33 @@ pub enum Closure<'a> {
     Pressure(f64),
     /// The circulation.
     Balance(&'a mut Balance<'a>),
+    /// The circulation, which rank 0 has: for the other ranks.
+    BalanceOfRank0,
+}
+
+impl Closure<'_> {
+    /// What rank 0 makes of the circulation, on all ranks; `None` for a given pressure. Collective.
+    fn ask(
+        &mut self,
+        comm: &dyn Communicator,
+        work: impl FnOnce(&mut Balance<'_>) -> Result<f64, StepError>,
+    ) -> Result<Option<f64>, StepError> {
+        let own = match self {
+            Closure::Pressure(_) => return Ok(None),
+            Closure::Balance(balance) => Some(work(&mut **balance)),
+            Closure::BalanceOfRank0 => None,
+        };
+        let mut word = match own {
+            Some(Ok(value)) => [1.0, value],
+            _ => [0.0; 2],
+        };
+        comm.broadcast(&mut word);
+        match own {
+            Some(result) => result.map(Some),
+            None if word[0] == 1.0 => Ok(Some(word[1])),
+            None => Err(StepError::Elsewhere { reason: "rank 0: circulation".to_owned() }),
+        }
+    }
 }
 
 /// Settings of a step.
@@ -158,6 +185,21 @@ pub enum StepError {
     /// The contraction model failed.
     #[error("contraction model")]
     Contraction(#[from] ContractionError),
+    /// Another rank failed.
+    #[error("{reason}")]
+    Elsewhere {
+        /// Which, and why.
+        reason: String,
+    },
+}
+
+impl From<Disagreement<ContractionError>> for StepError {
+    fn from(error: Disagreement<ContractionError>) -> Self {
+        match error {
+            Disagreement::Here(error) => Self::Contraction(error),
+            Disagreement::Elsewhere(reason) => Self::Elsewhere { reason },
+        }
+    }
 }
 
 /// Matrices and vectors that outlive a step.
@@ -416,7 +458,7 @@ pub fn step(
             return Err(StepError::Inverted { element, volume_ratio });
         }
     }
-    stress.evaluate(dt_ms, &candidate.deformation, &mut candidate.active)?;
+    agree(space.comm, stress.evaluate(dt_ms, &candidate.deformation, &mut candidate.active))?;
     let (mut force, mut r) = (vec![0.0; n], vec![0.0; n]);
     let (mut column, mut row) = (vec![], vec![]);
     let mut x = vec![0.0; n];
@@ -433,10 +475,9 @@ pub fn step(
         let scale = dynamics.force_scale(candidate, &column, &force, settings.least_pressure_kpa);
         report.relative_residual = norm / scale;
         let volume = dynamics.cavity_volume(&candidate.motion.u);
-        report.volume_residual_mm3 = match closure {
-            Closure::Pressure(_) => 0.0,
-            Closure::Balance(balance) => volume - balance(candidate.pressure_kpa)?.0,
-        };
+        let pressure_kpa = candidate.pressure_kpa;
+        let left = closure.ask(space.comm, |balance| Ok(balance(pressure_kpa)?.0))?;
+        report.volume_residual_mm3 = left.map_or(0.0, |left| volume - left);
         if !(norm.is_finite() && report.volume_residual_mm3.is_finite()) {
             return Err(StepError::NotFinite { what: "the residual" });
         }
@@ -460,13 +501,14 @@ pub fn step(
         x.fill(0.0);
         linear.solve(&r, &mut x, tolerance, &mut report)?;
         let mut change_kpa = 0.0;
-        if let Closure::Balance(balance) = closure {
+        if left.is_some() {
             dynamics.volume_row(candidate, &mut row);
             let along = space.dot(&row, &x);
             let mut change = |y: &[f64]| -> Result<f64, StepError> {
                 let compliance = -space.dot(&row, y);
-                Ok(solve_balance(volume - along, compliance, candidate.pressure_kpa, &mut **balance)?
-                    - candidate.pressure_kpa)
+                let solve =
+                    |balance: &mut Balance<'_>| solve_balance(volume - along, compliance, pressure_kpa, balance);
+                Ok(closure.ask(space.comm, solve)?.map_or(0.0, |found| found - pressure_kpa))
             };
             let unit = space.norm(&column);
             if y.len() != n {
@@ -509,7 +551,7 @@ pub fn step(
             }
             share *= 0.5;
         }
-        stress.evaluate(dt_ms, &candidate.deformation, &mut candidate.active)?;
+        agree(space.comm, stress.evaluate(dt_ms, &candidate.deformation, &mut candidate.active))?;
         report.iterations += 1;
         dynamics.residual(now, candidate, &mut force, &mut r);
         linearised = false;

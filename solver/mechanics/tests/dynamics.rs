@@ -93,6 +93,7 @@ fn energy_stays_without_damping_and_work_is_stored_or_dissipated_with_it() {
             let n = s.motion.u.len();
             let (mut push, mut brake) = (vec![0.0; n], vec![0.0; n]);
             damped.cavity.as_ref().expect("made").add_forces(
+                damped.comm.as_ref(),
                 s.pressure_kpa,
                 damped.body.reference(),
                 &s.motion.u,

@@ -1,59 +1,19 @@
 //! The ventricle as an organ, on the coarsest generated mesh: step 0 and a beat with its circulation.
 
+mod support;
+
 use cardiotwin_mechanics::organ::passive_fit::{fit, stiffened};
 use cardiotwin_mechanics::organ::{
     Anatomy, ElementKind, FiniteElementVentricle, PassiveFit, PassiveState, UnloadingSettings, VentricleParts,
     WallParameters,
 };
 use cardiotwin_mechanics::step::StepSettings;
-use cardiotwin_mesh::eikonal::{Conduction, ENDOCARDIAL_SPEED, Speeds, activation_ms};
-use cardiotwin_mesh::ellipsoid::{EllipsoidSpec, generate};
-use cardiotwin_mesh::fibres::{Angles, Longitudinal, fields, frames};
-use cardiotwin_mesh::{TetMesh, tags};
 use cardiotwin_models::beat::{BeatOutcome, BeatSettings, Beats, run_beats};
-use cardiotwin_models::circulation::windkessel::WindkesselParameters;
-use cardiotwin_models::circulation::{Circulation, LeftHeart, StartPressure};
+use cardiotwin_models::circulation::Circulation;
 use cardiotwin_models::contraction::{Tanh, TanhParameters};
 use cardiotwin_models::ventricle::{GroupContraction, Ventricle, VentricleError};
-use cardiotwin_units::{Ml, MlPerMmhg, Mmhg, MmhgSPerMl, Ms};
-
-const MUSCLE: [i32; 1] = [tags::LEFT_VENTRICLE];
-
-/// A mesh of 500 nodes for 112 mL with fibres, and its activation times.
-fn heart() -> (TetMesh, Vec<f64>) {
-    // A ring high enough that what its springs pull with hardly reaches the muscle.
-    let spec = EllipsoidSpec { ring_height: 0.12, ..EllipsoidSpec::new(Ml(112.0), Ml(140.0), 500) };
-    let made = generate(&spec).expect("a mesh");
-    let mut mesh = made.mesh;
-    let found = fields(&mesh, &MUSCLE, Longitudinal::FromBase).expect("fields");
-    mesh.frames = frames(&mesh, &MUSCLE, &found, &Angles::default());
-    let conduction = Conduction {
-        speeds: Speeds::default(),
-        endocardial_speed: Some(ENDOCARDIAL_SPEED),
-        tags: MUSCLE.to_vec(),
-        sites: made.shape.fascicles().to_vec(),
-    };
-    let times = activation_ms(&mesh, &conduction).expect("times");
-    (mesh, times)
-}
-
-fn circulation() -> Circulation {
-    let heart = LeftHeart {
-        left_atrial_pressure: Mmhg(9.0),
-        mitral_forward: LeftHeart::FORWARD,
-        mitral_backward: LeftHeart::BACKWARD,
-        aortic_forward: LeftHeart::FORWARD,
-        aortic_backward: LeftHeart::BACKWARD,
-        windkessel: WindkesselParameters {
-            characteristic_resistance: MmhgSPerMl(0.05),
-            peripheral_resistance: MmhgSPerMl(0.9),
-            compliance: MlPerMmhg(1.6),
-        },
-        start: StartPressure::DiastolicCuff(Mmhg(70.0)),
-        cycle_length: Ms(660.0),
-    };
-    heart.build().expect("a circulation")
-}
+use cardiotwin_units::Ms;
+use support::{MUSCLE, circulation, heart};
 
 fn ventricle(anatomy: &Anatomy, times: &[f64]) -> FiniteElementVentricle {
     // Image, at 6 mmHg: diastasis.
@@ -64,7 +24,7 @@ fn ventricle(anatomy: &Anatomy, times: &[f64]) -> FiniteElementVentricle {
     let parts = VentricleParts {
         anatomy,
         wall: &wall,
-        end_diastole,
+        end_diastole: end_diastole.into(),
         contraction: GroupContraction::tanh(Tanh::new(tanh).expect("parameters")),
         activation_ms: times,
         cycle_length: Ms(660.0),

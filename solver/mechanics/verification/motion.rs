@@ -20,7 +20,8 @@ pub fn block(rho: f64, damping: Rayleigh, dashpot: f64) -> Dynamics {
     };
     let body = mesh.of_one_tissue(tissue);
     let robin = Robin::new(&mesh.sides[4], RobinDirection::All, body.reference(), body.pattern()).expect("faces");
-    let cavity = Cavity::new(&mesh.sides[5], vec![], &[], body.reference(), body.pattern()).expect("faces");
+    let cavity =
+        Cavity::new(&mesh.sides[5], vec![], &[], body.reference(), body.pattern(), &SingleProcess).expect("faces");
     let mut dynamics = Dynamics::new(body, Box::new(SingleProcess), GeneralisedAlpha::with_spectral_radius(rho));
     dynamics.damping = damping;
     dynamics.supports = vec![Support { robin, spring: 2.0, dashpot, rest: vec![] }];

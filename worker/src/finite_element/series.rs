@@ -116,7 +116,7 @@ impl Series {
     }
 
     fn move_to(&mut self, ventricle: &FiniteElementVentricle) {
-        let (unloaded, u) = (ventricle.dynamics().body.reference(), &ventricle.state().motion.u);
+        let (unloaded, u) = (ventricle.unloaded_mm(), ventricle.displacement_mm());
         for (k, node) in self.mesh.nodes_mm.iter_mut().enumerate() {
             *node = std::array::from_fn(|i| unloaded[3 * k + i] + u[3 * k + i]);
         }

@@ -35,7 +35,9 @@ pub struct Shapes {
 }
 
 fn shape(ventricle: &FiniteElementVentricle, n_nodes: usize, sample: usize) -> Shape {
-    Shape { sample, volume_ml: ventricle.volume().0, u: ventricle.state().motion.u[..3 * n_nodes].to_vec() }
+    let mut u = ventricle.displacement_mm();
+    u.truncate(3 * n_nodes);
+    Shape { sample, volume_ml: ventricle.volume().0, u }
 }
 
 impl Shapes {

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use cardiotwin_mechanics::organ::{Anatomy, PassiveState, WallParameters};
+use cardiotwin_mechanics::organ::{Anatomy, EndDiastole, WallParameters};
 use cardiotwin_mesh::surface::Surface;
 use cardiotwin_mesh::tags;
 use cardiotwin_mesh::tet_mesh::{Frame, TetMesh};
@@ -60,7 +60,7 @@ pub struct Restored {
     /// Wall.
     pub wall: WallParameters,
     /// End-diastolic state.
-    pub end_diastole: PassiveState,
+    pub end_diastole: EndDiastole,
 }
 
 impl StoredVentricle {
@@ -168,14 +168,12 @@ impl StoredVentricle {
         let about = &self.about;
         let anatomy = Anatomy::of(&self.mesh, &[tags::LEFT_VENTRICLE], wall::element(about.element))?;
         let wall = wall::parameters(&about.wall, about.exponent_factor, cross_fibre);
-        let end_diastole = PassiveState::restored(
-            &anatomy,
-            &wall,
-            &self.unloaded,
-            self.anchor.clone(),
-            self.u.clone(),
-            about.end_diastolic_pressure_kpa,
-        )?;
+        let end_diastole = EndDiastole {
+            unloaded: self.unloaded.clone(),
+            anchor: self.anchor.clone(),
+            u: self.u.clone(),
+            pressure_kpa: about.end_diastolic_pressure_kpa,
+        };
         Ok(Restored { anatomy, wall, end_diastole })
     }
 }

@@ -39,6 +39,9 @@ pub enum BodyError {
         /// Number expected.
         expected: usize,
     },
+    /// Quadratic elements on several ranks.
+    #[error("quadratic elements are computed on one rank alone; use linear ones, or one rank")]
+    QuadraticOnRanks,
 }
 
 /// What a body is made of.
@@ -132,6 +135,10 @@ impl Body {
         if input.layout.n_local != input.nodes.len() {
             return size("nodes of the layout", input.layout.n_local, input.nodes.len());
         }
+        // Midside nodes are not among the vertices, whose averages ranks exchange.
+        if N != 4 && !input.layout.neighbours.is_empty() {
+            return Err(BodyError::QuadraticOnRanks);
+        }
         let batches = batches::<N, Q>(input.nodes, input.tets, input.tissue_of, input.frame)?;
         let n_rows = input.layout.n_owned;
         let pattern = Arc::new(Pattern::of_elements(n_rows, input.tets.iter().map(|t| (&t[..], &t[..]))));
@@ -177,21 +184,18 @@ impl Body {
                 }
             }
         }
-        let mut out = Vec::with_capacity(n);
+        let mut numbers = Vec::with_capacity(3 * n);
         for v in 0..n {
             let total: f64 = volume.iter().map(|of| of[v]).sum();
             let kappa = volume.iter().zip(&self.tissues).map(|(of, t)| of[v] * t.volumetric.kappa_kpa).sum::<f64>();
             let most = (0..self.tissues.len()).fold(0, |m, t| if volume[t][v] > volume[m][v] { t } else { m });
-            out.push((total, kappa / total.max(f64::MIN_POSITIVE), self.tissues[most].volumetric.law));
+            numbers.extend([total, kappa / total.max(f64::MIN_POSITIVE), most as f64]);
         }
-        let mut numbers: Vec<f64> = out.iter().flat_map(|(v, k, _)| [*v, *k]).collect();
-        if n == self.layout.n_local {
-            comm.update_ghosts(&self.layout, 2, &mut numbers);
+        if !self.layout.neighbours.is_empty() {
+            comm.update_ghosts(&self.layout, 3, &mut numbers);
         }
-        for (vertex, pair) in out.iter_mut().zip(numbers.as_chunks::<2>().0) {
-            (vertex.0, vertex.1) = (pair[0], pair[1]);
-        }
-        out
+        let vertex = |[total, kappa, most]: &[f64; 3]| (*total, *kappa, self.tissues[*most as usize].volumetric.law);
+        numbers.as_chunks::<3>().0.iter().map(vertex).collect()
     }
 
     /// Nodes held by this rank.
@@ -279,6 +283,9 @@ impl Body {
         out.squared_stretch.resize(self.n_point_batches(), [1.0; BATCH]);
         let mut volume = vec![0.0; self.vertices.len()];
         self.elements.volumes(&self.pass(displacement, &[], &[]), out, &mut volume);
+        if !self.layout.neighbours.is_empty() && !volume.is_empty() {
+            comm.update_ghosts(&self.layout, 1, &mut volume);
+        }
         let nodal_share = 1.0 - self.volume.pointwise();
         out.nodal_pressure.clear();
         out.nodal_slope.clear();
@@ -286,10 +293,6 @@ impl Body {
             let (p, slope) = law.slopes(volume / reference);
             out.nodal_pressure.push(nodal_share * kappa * p);
             out.nodal_slope.push(nodal_share * kappa * slope / reference);
-        }
-        if self.vertices.len() == self.layout.n_local {
-            comm.update_ghosts(&self.layout, 1, &mut out.nodal_pressure);
-            comm.update_ghosts(&self.layout, 1, &mut out.nodal_slope);
         }
     }
 
@@ -301,17 +304,19 @@ impl Body {
         mass
     }
 
-    /// Strain energy \[µJ\] at `displacement`, active stress left out; of the elements held here. Slow: for balances, not for steps.
+    /// Strain energy \[µJ\] at `displacement`, active stress left out; this rank's share, to be summed over ranks. Slow:
+    /// for balances, not for steps.
     #[must_use]
     pub fn strain_energy(&self, displacement: &[f64]) -> f64 {
         let pass = self.pass(displacement, &[], &[]);
         let mut volume = vec![0.0; self.vertices.len()];
         self.elements.volumes(&pass, &mut self.points(), &mut volume);
         let nodal_share = 1.0 - self.volume.pointwise();
-        let nodal: f64 = (self.vertices.iter().zip(volume))
+        let n_owned = self.layout.n_owned;
+        let nodal: f64 = (self.vertices.iter().zip(volume).take(n_owned))
             .map(|((reference, kappa, law), volume)| nodal_share * kappa * reference * law.energy(volume / reference))
             .sum();
-        self.elements.energy(&pass) + nodal
+        self.elements.energy(&pass, n_owned) + nodal
     }
 
     fn points(&self) -> Deformation {

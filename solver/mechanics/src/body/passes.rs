@@ -58,7 +58,8 @@ pub(super) trait Elements: Send + Sync {
     fn point_weight(&self, batch: usize, point: usize) -> &Eight;
     fn vertex_shape(&self, point: usize) -> [f64; 4];
     fn add_masses(&self, tissues: &[Tissue], mass: &mut [f64]);
-    fn energy(&self, pass: &Pass<'_>) -> f64;
+    /// Of elements at the cut of ranks the share of their nodes that come before `n_owned`.
+    fn energy(&self, pass: &Pass<'_>, n_owned: usize) -> f64;
 }
 
 pub(super) struct Field<const N: usize, const Q: usize> {
@@ -370,7 +371,7 @@ impl<const N: usize, const Q: usize> Elements for Field<N, Q> {
             }
         }
     }
-    fn energy(&self, pass: &Pass<'_>) -> f64 {
+    fn energy(&self, pass: &Pass<'_>, n_owned: usize) -> f64 {
         let mut input = Gathered::<N>::zeros();
         let mut energy = 0.0;
         for batch in &self.batches {
@@ -390,7 +391,11 @@ impl<const N: usize, const Q: usize> Elements for Field<N, Q> {
                     let c = [product(0, 0), product(1, 1), product(2, 2), product(0, 1), product(0, 2), product(1, 2)];
                     let j = determinant(&c).sqrt();
                     let kappa = pass.volume.pointwise() * tissue.volumetric.kappa_kpa;
-                    energy += point.weight[lane] * (tissue.law.energy(&c, j) + kappa * tissue.volumetric.law.energy(j));
+                    let owned = (0..N).filter(|a| (batch.nodes[*a][lane] as usize) < n_owned).count();
+                    let share = owned as f64 / N as f64;
+                    energy += share
+                        * point.weight[lane]
+                        * (tissue.law.energy(&c, j) + kappa * tissue.volumetric.law.energy(j));
                 }
             }
         }

@@ -3,6 +3,10 @@
 use super::SurfaceError;
 use super::pressure::{Faces, PressureSurface, cross};
 use crate::linear::{Assembled, Pattern};
+use crate::parallel::Communicator;
+
+/// In a loop around an opening: another rank owns this node.
+pub const NOT_HERE: u32 = u32::MAX;
 
 /// What holds the pressure that acts on the caps.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -18,16 +22,20 @@ pub enum ValvePlane {
 #[derive(Debug, Clone)]
 pub struct Cavity {
     wall: PressureSurface,
-    /// Loops of nodes around the openings, in the direction of the surface's edges.
+    /// Loops of nodes around the openings, in the direction of the surface's edges, alike on all ranks but for [`NOT_HERE`].
     openings: Vec<Vec<u32>>,
     /// Share of the caps' load that each node of the rim carries.
     rim: Vec<(u32, f64)>,
+    /// Whether there is a rim, here or on another rank.
+    hangs: bool,
 }
 
 impl Cavity {
-    /// A cavity inside `endocardium`, triangles of three or six nodes with normals out of the tissue.
+    /// A cavity inside `endocardium`, triangles of three or six nodes with normals out of the tissue: on each rank those that
+    /// touch a node that it owns. Collective.
     ///
-    /// - `openings`: closed loops of nodes, in the direction of the triangles' edges; mid-edge nodes included
+    /// - `openings`: closed loops of nodes, in the direction of the triangles' edges; mid-edge nodes included; [`NOT_HERE`] for
+    ///   nodes that another rank owns
     /// - `rim`: triangles that the caps' load is spread over; empty for [`ValvePlane::Open`]
     ///
     /// # Errors
@@ -38,54 +46,84 @@ impl Cavity {
         rim: &[[u32; N]],
         reference: &[f64],
         pattern: &Pattern,
+        comm: &dyn Communicator,
     ) -> Result<Self, SurfaceError> {
         let faces = Faces::new(rim, pattern)?;
         let mut shares = std::collections::BTreeMap::<u32, f64>::new();
-        let mut area = 0.0;
+        let mut area = [0.0];
         for nodes in faces.nodes.chunks(N) {
             let x = Faces::positions(nodes, reference, &[]);
+            let share = faces.share(nodes);
             for (weight, shape) in &faces.points {
                 let [e1, e2] = Faces::tangents(shape, &x);
                 let da = 0.5 * weight * cross(&e1, &e2).iter().map(|n| n * n).sum::<f64>().sqrt();
-                area += da;
+                area[0] += share * da;
                 for (node, (value, _)) in nodes.iter().zip(shape) {
                     *shares.entry(*node).or_default() += value * da;
                 }
             }
         }
-        let rim = shares.into_iter().map(|(node, share)| (node, share / area)).collect();
-        Ok(Self { wall: PressureSurface::new(endocardium, pattern)?, openings, rim })
+        comm.sum(&mut area);
+        let rim = shares.into_iter().map(|(node, share)| (node, share / area[0])).collect();
+        let hangs = area[0] > 0.0;
+        Ok(Self { wall: PressureSurface::new(endocardium, pattern)?, openings, rim, hangs })
     }
 
-    /// Volume \[mm³\] at `displacement`.
+    /// Positions of the openings' nodes, on all ranks. Collective.
+    fn loops(&self, comm: &dyn Communicator, reference: &[f64], displacement: &[f64]) -> Vec<Vec<[f64; 3]>> {
+        let at = |node: &u32| if *node == NOT_HERE { [0.0; 3] } else { position(reference, displacement, *node) };
+        let mut all: Vec<[f64; 3]> = self.openings.iter().flatten().map(at).collect();
+        comm.sum(all.as_flattened_mut());
+        let mut rest = &all[..];
+        let mut next = |nodes: &Vec<u32>| {
+            let (own, others) = rest.split_at(nodes.len());
+            rest = others;
+            own.to_vec()
+        };
+        self.openings.iter().map(&mut next).collect()
+    }
+
+    /// Volume \[mm³\] at `displacement`. Collective.
     #[must_use]
-    pub fn volume(&self, reference: &[f64], displacement: &[f64]) -> f64 {
-        let at = |n: u32| position(reference, displacement, n);
-        let origin = self.origin(reference, displacement);
-        let mut volume = self.wall.volume(origin, reference, displacement);
-        for nodes in self.openings.iter().skip(1) {
-            let centre = mean(nodes, &at);
-            for (a, b) in loop_edges(nodes) {
+    pub fn volume(&self, comm: &dyn Communicator, reference: &[f64], displacement: &[f64]) -> f64 {
+        let loops = self.loops(comm, reference, displacement);
+        let origin = origin(&loops);
+        let mut volume = [self.wall.volume(origin, reference, displacement)];
+        comm.sum(&mut volume);
+        for nodes in loops.iter().skip(1) {
+            let centre = mean(nodes);
+            for (a, b) in edges(nodes) {
                 // Against the rim's direction, so that cap and endocardium are oriented alike.
-                let (p, q, r) = (minus(at(b), origin), minus(at(a), origin), minus(centre, origin));
-                volume -= dot(p, cross(&q, &r)) / 6.0;
+                let (p, q, r) = (minus(*b, origin), minus(*a, origin), minus(centre, origin));
+                volume[0] -= dot(p, cross(&q, &r)) / 6.0;
             }
         }
-        volume
+        volume[0]
     }
 
-    /// Adds `scale` times the volume's gradient \[mm²\].
-    pub fn add_volume_gradient(&self, scale: f64, reference: &[f64], displacement: &[f64], out: &mut [f64]) {
-        let origin = self.origin(reference, displacement);
+    /// Adds `scale` times the volume's gradient \[mm²\]; only owned nodes' is complete. Collective.
+    pub fn add_volume_gradient(
+        &self,
+        comm: &dyn Communicator,
+        scale: f64,
+        reference: &[f64],
+        displacement: &[f64],
+        out: &mut [f64],
+    ) {
+        let loops = self.loops(comm, reference, displacement);
+        let origin = origin(&loops);
         let mut of_origin = [0.0; 3];
         let mut add = |node: u32, g: [f64; 3]| {
-            for i in 0..3 {
-                out[3 * node as usize + i] += scale * g[i];
+            if node != NOT_HERE {
+                for i in 0..3 {
+                    out[3 * node as usize + i] += scale * g[i];
+                }
             }
         };
         let faces = self.wall.faces();
         for nodes in faces.nodes.chunks(faces.n_nodes) {
             let x = Faces::positions(nodes, reference, displacement);
+            let share = faces.share(nodes);
             for (weight, shape) in &faces.points {
                 let [e1, e2] = Faces::tangents(shape, &x);
                 let n = cross(&e1, &e2);
@@ -96,24 +134,24 @@ impl Cavity {
                 for (&node, (value, slope)) in nodes.iter().zip(shape) {
                     add(node, std::array::from_fn(|i| k * (value * n[i] + slope[0] * g1[i] + slope[1] * g2[i])));
                 }
-                (0..3).for_each(|i| of_origin[i] -= k * n[i]);
+                (0..3).for_each(|i| of_origin[i] -= share * (k * n[i]));
             }
         }
-        let at = |n: u32| position(reference, displacement, n);
-        for nodes in self.openings.iter().skip(1) {
-            let centre = mean(nodes, &at);
+        comm.sum(&mut of_origin);
+        for (places, nodes) in self.openings.iter().zip(&loops).skip(1) {
+            let centre = mean(nodes);
             let mut of_centre = [0.0; 3];
-            for (a, b) in loop_edges(nodes) {
-                let (p, q, r) = (minus(at(b), origin), minus(at(a), origin), minus(centre, origin));
+            for ((a, b), (at_a, at_b)) in edges(places).zip(edges(nodes)) {
+                let (p, q, r) = (minus(*at_b, origin), minus(*at_a, origin), minus(centre, origin));
                 let g = [cross(&q, &r), cross(&r, &p), cross(&p, &q)].map(|g| g.map(|g| -g / 6.0));
-                add(b, g[0]);
-                add(a, g[1]);
+                add(*b, g[0]);
+                add(*a, g[1]);
                 for i in 0..3 {
                     of_centre[i] += g[2][i];
                     of_origin[i] -= g[0][i] + g[1][i] + g[2][i];
                 }
             }
-            for &node in nodes {
+            for &node in places {
                 add(node, of_centre.map(|g| g / nodes.len() as f64));
             }
         }
@@ -124,13 +162,22 @@ impl Cavity {
         }
     }
 
-    /// Adds minus the force \[mN\] of `pressure` \[kPa\] on the wall, and on the rim where the caps hang on one.
-    pub fn add_forces(&self, pressure: f64, reference: &[f64], displacement: &[f64], force: &mut [f64]) {
+    /// Adds minus the force \[mN\] of `pressure` \[kPa\] on the wall, and on the rim where the caps hang on one; only owned
+    /// nodes' is complete. Collective.
+    pub fn add_forces(
+        &self,
+        comm: &dyn Communicator,
+        pressure: f64,
+        reference: &[f64],
+        displacement: &[f64],
+        force: &mut [f64],
+    ) {
         self.wall.add_forces(pressure, reference, displacement, force);
-        if self.rim.is_empty() {
+        if !self.hangs {
             return;
         }
-        let resultant = self.wall.resultant(reference, displacement);
+        let mut resultant = self.wall.resultant(reference, displacement);
+        comm.sum(&mut resultant);
         for (node, share) in &self.rim {
             for i in 0..3 {
                 force[3 * *node as usize + i] -= pressure * share * resultant[i];
@@ -143,15 +190,15 @@ impl Cavity {
     pub fn add_tangent(&self, pressure: f64, reference: &[f64], displacement: &[f64], tangent: &mut dyn Assembled) {
         self.wall.add_symmetric_tangent(pressure, reference, displacement, tangent);
     }
-
-    /// The mean of the first opening's nodes; the origin for a closed surface.
-    fn origin(&self, reference: &[f64], displacement: &[f64]) -> [f64; 3] {
-        self.openings.first().map_or([0.0; 3], |nodes| mean(nodes, &|n| position(reference, displacement, n)))
-    }
 }
 
-fn loop_edges(nodes: &[u32]) -> impl Iterator<Item = (u32, u32)> {
-    nodes.iter().zip(nodes.iter().cycle().skip(1)).map(|(a, b)| (*a, *b))
+/// The mean of the first opening's nodes; the origin for a closed surface.
+fn origin(loops: &[Vec<[f64; 3]>]) -> [f64; 3] {
+    loops.first().map_or([0.0; 3], |nodes| mean(nodes))
+}
+
+fn edges<T>(nodes: &[T]) -> impl Iterator<Item = (&T, &T)> {
+    nodes.iter().zip(nodes.iter().cycle().skip(1))
 }
 
 fn position(reference: &[f64], displacement: &[f64], node: u32) -> [f64; 3] {
@@ -159,10 +206,9 @@ fn position(reference: &[f64], displacement: &[f64], node: u32) -> [f64; 3] {
     std::array::from_fn(|i| reference[k + i] + displacement[k + i])
 }
 
-fn mean(nodes: &[u32], at: &dyn Fn(u32) -> [f64; 3]) -> [f64; 3] {
+fn mean(nodes: &[[f64; 3]]) -> [f64; 3] {
     let mut sum = [0.0; 3];
-    for n in nodes {
-        let x = at(*n);
+    for x in nodes {
         (0..3).for_each(|i| sum[i] += x[i] / nodes.len() as f64);
     }
     sum

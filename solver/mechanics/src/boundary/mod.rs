@@ -4,6 +4,6 @@ mod cavity;
 mod pressure;
 mod robin;
 
-pub use cavity::{Cavity, ValvePlane};
+pub use cavity::{Cavity, NOT_HERE, ValvePlane};
 pub use pressure::{PressureSurface, SurfaceError};
 pub use robin::{Robin, RobinDirection};

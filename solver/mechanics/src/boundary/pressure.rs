@@ -38,6 +38,8 @@ pub struct Faces {
     pub slots: Vec<u32>,
     /// Weight and, for each node, value and both derivatives of its shape function, point after point.
     pub points: Vec<(f64, Vec<NodeShape>)>,
+    /// Nodes that this rank owns: those from here on are ghosts.
+    n_owned: usize,
 }
 
 impl Faces {
@@ -62,7 +64,12 @@ impl Faces {
             }
         }
         let points = triangle_rule(if N == 3 { 3 } else { 6 }).iter().map(|(l, w)| (*w, triangle(N, l))).collect();
-        Ok(Self { n_nodes: N, nodes: triangles.as_flattened().to_vec(), slots, points })
+        Ok(Self { n_nodes: N, nodes: triangles.as_flattened().to_vec(), slots, points, n_owned: pattern.n_rows() })
+    }
+
+    /// This rank's share of a triangle in sums over ranks: that of the nodes that it owns.
+    pub(crate) fn share(&self, nodes: &[u32]) -> f64 {
+        nodes.iter().filter(|n| (**n as usize) < self.n_owned).count() as f64 / nodes.len() as f64
     }
 
     /// Positions of a triangle's nodes; of six, or of three and three zeros.
@@ -133,15 +140,16 @@ impl PressureSurface {
         &self.faces
     }
 
-    /// `∫ n da` \[mm²\] over the deformed surface.
+    /// `∫ n da` \[mm²\] over the deformed surface; to be summed over ranks.
     pub(crate) fn resultant(&self, reference: &[f64], displacement: &[f64]) -> [f64; 3] {
         let mut sum = [0.0; 3];
         for nodes in self.faces.nodes.chunks(self.faces.n_nodes) {
             let x = Faces::positions(nodes, reference, displacement);
+            let share = self.faces.share(nodes);
             for (weight, shape) in &self.faces.points {
                 let [e1, e2] = Faces::tangents(shape, &x);
                 let n = cross(&e1, &e2);
-                (0..3).for_each(|i| sum[i] += 0.5 * weight * n[i]);
+                (0..3).for_each(|i| sum[i] += share * (0.5 * weight * n[i]));
             }
         }
         sum
@@ -206,18 +214,19 @@ impl PressureSurface {
     }
 
     /// Volume \[mm³\] between the deformed surface and the point `about`, positive where the surface looks at it: the
-    /// cavity's volume if `about` lies in the plane of a flat opening.
+    /// cavity's volume if `about` lies in the plane of a flat opening. To be summed over ranks.
     #[must_use]
     pub fn volume(&self, about: [f64; 3], reference: &[f64], displacement: &[f64]) -> f64 {
         let mut volume = 0.0;
         for nodes in self.faces.nodes.chunks(self.faces.n_nodes) {
             let x = Faces::positions(nodes, reference, displacement);
+            let share = self.faces.share(nodes);
             for (weight, shape) in &self.faces.points {
                 let [e1, e2] = Faces::tangents(shape, &x);
                 let n = cross(&e1, &e2);
                 for i in 0..3 {
                     let at: f64 = shape.iter().zip(&x).map(|(s, x)| s.0 * x[i]).sum();
-                    volume -= 0.5 * weight * (at - about[i]) * n[i] / 3.0;
+                    volume -= share * (0.5 * weight * (at - about[i]) * n[i] / 3.0);
                 }
             }
         }

@@ -75,13 +75,19 @@ pub fn conjugate_gradients(
     let n = space.len();
     let b_norm = space.norm(b).max(f64::MIN_POSITIVE);
     let (mut r, mut z, mut p, mut q) = (vec![0.0; n], vec![0.0; n], vec![0.0; n], vec![0.0; n]);
-    let mut r_norm = residual(space, a, x, b, &mut r);
+    residual(space, a, x, b, &mut r);
+    let mut r_norm;
     let mut rz = 0.0;
     let mut ending = KrylovEnding::Exhausted;
     let mut iterations = 0;
-    while r_norm > settings.relative_tolerance * b_norm && iterations < settings.max_iterations {
+    loop {
         m.apply(space, &r, &mut z);
-        let rz_new = space.dot(&r, &z);
+        // One reduction for both: a preconditioner applied once too often costs less than another wait for all ranks.
+        let [rr, rz_new] = space.dots([(&r, &r), (&r, &z)]);
+        r_norm = rr.sqrt();
+        if !(r_norm > settings.relative_tolerance * b_norm) || iterations >= settings.max_iterations {
+            break;
+        }
         let beta = if iterations == 0 { 0.0 } else { rz_new / rz };
         rz = rz_new;
         for (p, z) in p.iter_mut().zip(&z) {
@@ -98,7 +104,6 @@ pub fn conjugate_gradients(
             *x += alpha * p;
             *r -= alpha * q;
         }
-        r_norm = space.norm(&r);
         iterations += 1;
     }
     // The recurrence drifts from the true residual by rounding alone, which counts where the tolerance is tight.

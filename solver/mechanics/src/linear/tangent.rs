@@ -17,7 +17,11 @@ pub struct Tangent {
 }
 
 impl Operator for Tangent {
+    /// # Panics
+    /// With nodal volume changes on several ranks: a rank holds `G` by rows, and lacks of `Gᵀ x` what ghosts add to it.
+    /// [`super::PackedTangent`] holds both.
     fn multiply(&self, space: Space<'_>, x: &mut [f64], y: &mut [f64]) {
+        assert!(self.coupling.is_none() || space.layout.neighbours.is_empty(), "nodal volume changes on several ranks");
         space.update(x);
         self.stiffness.multiply(x, y);
         if let Some(coupling) = &self.coupling {
@@ -25,9 +29,6 @@ impl Operator for Tangent {
             coupling.multiply_transposed(x, &mut p);
             for (p, d) in p.iter_mut().zip(&self.bulk) {
                 *p *= d;
-            }
-            if p.len() == space.layout.n_local {
-                space.comm.update_ghosts(space.layout, 1, &mut p);
             }
             coupling.add_product(&p, y);
         }

@@ -1,11 +1,15 @@
 //! From a mesh of linear tetrahedra to what a body is made of: nodes, elements, fibre frames, surfaces.
 
+use std::borrow::Cow;
+
 use cardiotwin_mesh::surface::{SurfaceDefect, openings};
 use cardiotwin_mesh::tet_mesh::{TetMesh, surface_names};
 
+use crate::boundary::NOT_HERE;
 use crate::element::batch::Frame;
 use crate::element::kernel::VolumeChange;
 use crate::element::quadratic::QuadraticMesh;
+use crate::parallel::Part;
 
 /// Which elements a ventricle is made of.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -97,7 +101,7 @@ pub struct Anatomy {
     pub septum: Option<Triangles>,
     /// Rim at the base.
     pub rim: Triangles,
-    /// Loops of nodes around the endocardium's openings.
+    /// Loops of nodes around the endocardium's openings; [`NOT_HERE`] for nodes that another rank owns.
     pub openings: Vec<Vec<u32>>,
 }
 
@@ -158,6 +162,39 @@ impl Anatomy {
             septum,
             rim,
             openings,
+        })
+    }
+
+    /// What a rank computes of it, in the rank's numbers: nodes, the elements and the triangles that touch owned nodes. None of
+    /// it is left out of a `part` that is whole, the only one there is of quadratic elements.
+    #[must_use]
+    pub fn part(&self, part: &Part) -> Cow<'_, Self> {
+        let (Tets::Linear(tets), false) = (&self.tets, part.layout.neighbours.is_empty()) else {
+            return Cow::Borrowed(self);
+        };
+        let of = |node: u32| part.local(node).unwrap_or(NOT_HERE);
+        let elements = || part.elements.iter().map(|e| *e as usize);
+        let surface = |triangles: &Triangles| match triangles {
+            Triangles::Linear(t) => {
+                let touched = t.iter().filter(|t| t.iter().any(|node| part.owned(*node).is_some()));
+                Triangles::Linear(touched.map(|t| t.map(of)).collect())
+            }
+            Triangles::Quadratic(_) => triangles.clone(),
+        };
+        let owned = |node: &u32| part.owned(*node).unwrap_or(NOT_HERE);
+        Cow::Owned(Self {
+            nodes: part.take(1, &self.nodes),
+            n_vertices: part.nodes.len(),
+            tets: Tets::Linear(elements().map(|e| tets[e].map(of)).collect()),
+            corners: elements().map(|e| self.corners[e].map(of)).collect(),
+            volume: self.volume,
+            contracts: elements().map(|e| self.contracts[e]).collect(),
+            frames: elements().map(|e| self.frames[e]).collect(),
+            endocardium: surface(&self.endocardium),
+            epicardium: surface(&self.epicardium),
+            septum: self.septum.as_ref().map(surface),
+            rim: surface(&self.rim),
+            openings: self.openings.iter().map(|nodes| nodes.iter().map(owned).collect()).collect(),
         })
     }
 

@@ -18,6 +18,7 @@ use crate::body::{Body, Deformation};
 use crate::element::kernel::ActivePoint;
 use crate::element::{BATCH, Eight};
 use crate::material::ActiveConvention;
+use crate::parallel::Communicator;
 use crate::step::PointStress;
 
 /// States of the points at the end of a step.
@@ -33,10 +34,25 @@ struct Points {
     ca_um: Vec<f64>,
 }
 
+/// A contraction model for the points of all ranks.
+#[derive(Debug, Clone)]
+pub(super) struct SharedModel {
+    model: Arc<dyn Contraction>,
+    calcium: Option<Arc<dyn Calcium>>,
+    start: Vec<f64>,
+}
+
+impl SharedModel {
+    pub fn new(contraction: GroupContraction) -> Self {
+        let (model, calcium, start) = contraction.into_parts();
+        Self { model: Arc::from(model), calcium, start }
+    }
+}
+
 /// The model and its points.
 #[derive(Debug)]
 pub struct PointContraction {
-    model: Box<dyn Contraction>,
+    model: Arc<dyn Contraction>,
     calcium: Option<Arc<dyn Calcium>>,
     cycle_length_ms: f64,
     convention: ActiveConvention,
@@ -52,14 +68,17 @@ pub struct PointContraction {
     trial: Points,
 }
 
+/// A node that another rank owns.
+const GHOST: u32 = u32::MAX;
+
 /// What depends on the anatomy alone: which points contract, and how they make up the values of nodes.
 #[derive(Debug, Clone)]
 pub(super) struct NodeAverage {
-    /// Nodes (vertices) of the muscle.
+    /// Nodes (vertices) of the muscle that this rank owns.
     pub nodes: Vec<u32>,
-    /// Share of the muscle's volume of each.
+    /// Share of the whole muscle's volume of each.
     pub weights: Vec<f64>,
-    /// For each point its four nodes (positions in `nodes`), and its volume times their shape function over the node's.
+    /// For each point its four nodes (positions in `nodes`, [`GHOST`] for those of other ranks), and its volume times their shape function over the node's.
     shares: Vec<[(u32, f64); 4]>,
 }
 
@@ -68,8 +87,8 @@ impl PointContraction {
     ///
     /// - `activation_ms`: activation time of each vertex of the mesh
     /// - `end_diastole`: deformation in which the stretch is one
-    pub fn new(
-        contraction: GroupContraction,
+    pub(super) fn new(
+        contraction: &SharedModel,
         cycle_length_ms: f64,
         convention: ActiveConvention,
         anatomy: &Anatomy,
@@ -77,7 +96,7 @@ impl PointContraction {
         activation_ms: &[f64],
         end_diastole: &Deformation,
     ) -> Self {
-        let (model, calcium, start) = contraction.into_parts();
+        let SharedModel { model, calcium, start } = contraction.clone();
         let (mut places, mut times, mut lambda_ed) = (vec![], vec![], vec![]);
         let n_batches = body.n_point_batches();
         for idx in 0..n_batches {
@@ -160,28 +179,27 @@ impl PointContraction {
         [&self.now.lambda, &self.now.sa_kpa, &self.now.ca_um]
     }
 
-    /// All committed numbers.
-    pub(super) fn snapshot(&self) -> Vec<f64> {
-        [&self.now.cells, &self.now.lambda, &self.now.sa_kpa, &self.now.ca_um].into_iter().flatten().copied().collect()
+    /// Element of each point, and which of the element's points it is.
+    pub(super) fn elements<'a>(&'a self, body: &'a Body) -> impl Iterator<Item = u32> + 'a {
+        self.places.iter().map(|(idx, lane)| body.point_lanes(*idx as usize).1[*lane as usize])
     }
 
-    /// How many numbers a snapshot has.
-    pub(super) fn snapshot_len(&self) -> usize {
-        self.now.cells.len() + self.now.lambda.len() + self.now.sa_kpa.len() + self.now.ca_um.len()
+    /// All committed numbers, with how many of them a point has.
+    pub(super) fn states(&self) -> [(usize, &Vec<f64>); 4] {
+        let Points { cells, lambda, sa_kpa, ca_um } = &self.now;
+        [(self.model.n_states(), cells), (1, lambda), (1, sa_kpa), (usize::from(!ca_um.is_empty()), ca_um)]
     }
 
-    /// Goes back to a snapshot of the right length.
-    pub(super) fn restore(&mut self, mut values: &[f64]) {
-        for part in [&mut self.now.cells, &mut self.now.lambda, &mut self.now.sa_kpa, &mut self.now.ca_um] {
-            let (own, rest) = values.split_at(part.len());
-            part.copy_from_slice(own);
-            values = rest;
-        }
+    /// The same, to be replaced by as many.
+    pub(super) fn states_mut(&mut self) -> [&mut Vec<f64>; 4] {
+        [&mut self.now.cells, &mut self.now.lambda, &mut self.now.sa_kpa, &mut self.now.ca_um]
     }
 
-    /// Nodal averages over these points.
-    pub(super) fn node_average(&self, anatomy: &Anatomy, body: &Body) -> NodeAverage {
-        let mut volume = vec![0.0; anatomy.n_vertices];
+    /// Nodal averages over these points. Collective.
+    pub(super) fn node_average(&self, anatomy: &Anatomy, body: &Body, comm: &dyn Communicator) -> NodeAverage {
+        // Every element around an owned node is here.
+        let n_owned = body.layout().n_owned.min(anatomy.n_vertices);
+        let mut volume = vec![0.0; n_owned];
         let mut parts = Vec::with_capacity(self.places.len());
         for &(idx, lane) in &self.places {
             let (idx, lane) = (idx as usize, lane as usize);
@@ -189,19 +207,25 @@ impl PointContraction {
             let (shape, weight) = (body.vertex_shape(idx), body.point_volume(idx)[lane]);
             let part: [(u32, f64); 4] = std::array::from_fn(|k| (anatomy.corners[e][k], shape[k] * weight));
             for (node, share) in part {
-                volume[node as usize] += share;
+                if let Some(volume) = volume.get_mut(node as usize) {
+                    *volume += share;
+                }
             }
             parts.push(part);
         }
-        let nodes: Vec<u32> = (0..volume.len() as u32).filter(|n| volume[*n as usize] > 0.0).collect();
-        let total: f64 = volume.iter().sum();
-        let mut place = vec![0; volume.len()];
+        let nodes: Vec<u32> = (0..n_owned as u32).filter(|n| volume[*n as usize] > 0.0).collect();
+        let mut total = [volume.iter().sum::<f64>()];
+        comm.sum(&mut total);
+        let mut place = vec![GHOST; anatomy.n_vertices];
         for (k, node) in nodes.iter().enumerate() {
             place[*node as usize] = k as u32;
         }
-        let shares =
-            parts.into_iter().map(|part| part.map(|(n, s)| (place[n as usize], s / volume[n as usize]))).collect();
-        let weights = nodes.iter().map(|n| volume[*n as usize] / total).collect();
+        let share = |(node, share): (u32, f64)| match volume.get(node as usize) {
+            Some(volume) => (place[node as usize], share / volume),
+            None => (GHOST, 0.0),
+        };
+        let shares = parts.into_iter().map(|part| part.map(share)).collect();
+        let weights = nodes.iter().map(|n| volume[*n as usize] / total[0]).collect();
         NodeAverage { nodes, weights, shares }
     }
 }
@@ -211,7 +235,7 @@ impl NodeAverage {
     pub fn apply(&self, values: &[f64], out: &mut [f64]) {
         out.fill(0.0);
         for (value, shares) in values.iter().zip(&self.shares) {
-            for (node, share) in shares {
+            for (node, share) in shares.iter().filter(|(node, _)| *node != GHOST) {
                 out[*node as usize] += share * value;
             }
         }

@@ -1,14 +1,18 @@
 //! The left ventricle as an organ: anatomy, passive state, contraction, and the beat together with the circulation.
 
 pub mod anatomy;
+mod census;
 mod contraction;
+mod end_diastole;
 pub mod passive_fit;
 pub mod passive_state;
+mod rank;
 mod ventricle;
 pub mod wall;
 
 pub use anatomy::{Anatomy, AnatomyError, ElementKind};
 pub use contraction::PointContraction;
+pub use end_diastole::EndDiastole;
 pub use passive_fit::PassiveFit;
 pub use passive_state::{PassiveState, PassiveStateError, UnloadingSettings};
 pub use ventricle::{FiniteElementVentricle, VentricleParts, VentricleWork};

@@ -1,4 +1,7 @@
-//! The finite-element ventricle behind the interface of all ventricles.
+//! The finite-element ventricle behind the interface of all ventricles, on one rank or several.
+
+use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use cardiotwin_models::circulation::{Circulation, CirculationError};
 use cardiotwin_models::effects::FibreViscosity;
@@ -8,15 +11,28 @@ use cardiotwin_models::ventricle::{
 use cardiotwin_units::{MMHG_PER_KPA, Ml, Mmhg, Ms};
 
 use super::anatomy::Anatomy;
-use super::contraction::{NodeAverage, PointContraction};
-use super::passive_state::PassiveState;
-use super::wall::{WallError, WallParameters};
-use crate::body::Deformation;
-use crate::dynamics::{Candidate, Dynamics, State};
-use crate::step::{Closure, PointStress, Solver, StepError, StepReport, StepSettings, step};
+use super::census::Census;
+use super::contraction::SharedModel;
+use super::end_diastole::EndDiastole;
+use super::rank::{Command, OrganRank, Setup, Share, Values, chain};
+use super::wall::WallParameters;
+use crate::dynamics::Dynamics;
+use crate::parallel::{Communicator, Crew, Part, SingleProcess, ThreadRank, ThreadSettings, crew, owners};
+use crate::step::{Closure, StepError, StepReport, StepSettings};
 
 /// Kind in snapshots.
 const KIND: &str = "finite-element 2";
+/// What a snapshot holds after its scalars, in this order, and the response to pressure where there was one.
+const IN_SNAPSHOTS: [Values; 8] = [
+    Values::Displacement,
+    Values::Velocity,
+    Values::Acceleration,
+    Values::Force,
+    Values::Cells,
+    Values::PointStretch,
+    Values::PointStress,
+    Values::PointCalcium,
+];
 
 /// Everything that defines a finite-element ventricle.
 #[derive(Debug)]
@@ -26,7 +42,7 @@ pub struct VentricleParts<'a> {
     /// Wall, with the stiffness that was fitted.
     pub wall: &'a WallParameters,
     /// End-diastolic state.
-    pub end_diastole: PassiveState,
+    pub end_diastole: EndDiastole,
     /// Contraction model of every point.
     pub contraction: GroupContraction,
     /// Activation time of each vertex of the mesh \[ms\].
@@ -54,18 +70,15 @@ pub struct VentricleWork {
     pub factorisations: usize,
 }
 
-/// The 3D ventricle.
+/// The 3D ventricle: rank 0 of it, which the others serve.
 #[derive(Debug)]
 pub struct FiniteElementVentricle {
-    dynamics: Dynamics,
-    contraction: PointContraction,
-    average: NodeAverage,
+    rank: OrganRank,
+    census: Census,
     node_activation_ms: Vec<f64>,
+    unloaded: Vec<f64>,
     pressure_terms: Vec<Box<dyn CavityPressureTerm>>,
-    settings: StepSettings,
-    solver: Solver,
     time_ms: f64,
-    now: State,
     volume_mm3: f64,
     /// Pressure that the circulation sees: the wall's and the further parts' \[kPa\].
     cavity_kpa: f64,
@@ -73,87 +86,194 @@ pub struct FiniteElementVentricle {
     rate_kpa_per_ms: f64,
     trial: Option<Trial>,
     work: VentricleWork,
+    /// Whether the ranks are amid an operation: nothing can be told to them.
+    busy: AtomicBool,
+    /// The other ranks, where they are threads.
+    crew: Option<Crew>,
 }
 
 #[derive(Debug)]
 struct Trial {
     time_ms: f64,
     dt_ms: f64,
-    state: State,
+    wall_kpa: f64,
     volume_mm3: f64,
     cavity_kpa: f64,
 }
 
+/// What is checked before ranks are made.
+fn checked(parts: &VentricleParts<'_>) -> Result<(), VentricleError> {
+    let VentricleParts { anatomy, activation_ms, cycle_length, .. } = parts;
+    let parameter = |name, value, expected| Err(VentricleError::Parameter { name, value, expected });
+    if activation_ms.len() != anatomy.n_vertices {
+        return parameter("activation times", activation_ms.len() as f64, "as many as the mesh has nodes");
+    }
+    let mut of_muscle = vec![false; anatomy.n_vertices];
+    for (corners, _) in anatomy.corners.iter().zip(&anatomy.contracts).filter(|(_, c)| **c) {
+        corners.iter().for_each(|n| of_muscle[*n as usize] = true);
+    }
+    let latest = (0..anatomy.n_vertices).filter(|n| of_muscle[*n]).map(|n| activation_ms[n]).fold(0.0, f64::max);
+    if !latest.is_finite() {
+        return parameter("latest activation time", latest, "finite in all contracting tissue");
+    }
+    if !(cycle_length.0 > latest && cycle_length.0.is_finite()) {
+        return parameter("cycle length", cycle_length.0, "longer than the latest activation time");
+    }
+    Ok(())
+}
+
+/// The part of each rank.
+fn parts_of(anatomy: &Anatomy, n_ranks: usize) -> Result<Vec<Part>, VentricleError> {
+    if n_ranks <= 1 {
+        return Ok(vec![Part::whole(anatomy.nodes.len(), anatomy.corners.len())]);
+    }
+    if anatomy.nodes.len() != anatomy.n_vertices {
+        let (name, value, expected) = ("ranks", n_ranks as f64, "1 with quadratic elements");
+        return Err(VentricleError::Parameter { name, value, expected });
+    }
+    let owners = owners(anatomy.n_vertices, &anatomy.corners, n_ranks).map_err(|error| VentricleError::NoMotion {
+        t_ms: 0.0,
+        dt_ms: 0.0,
+        reason: chain(&error),
+    })?;
+    Ok((0..n_ranks).map(|rank| Part::of(rank, &owners, &anatomy.corners)).collect())
+}
+
 impl FiniteElementVentricle {
-    /// A ventricle in end-diastole, at rest, time zero.
+    /// A ventricle in end-diastole, at rest, time zero, on the calling thread.
     ///
     /// # Errors
     /// [`VentricleError::Parameter`] for a cycle that ends before the last activation, or activation times that are not of
     /// the mesh; [`VentricleError::NoMotion`] where the wall cannot be supported.
     pub fn new(parts: VentricleParts<'_>) -> Result<Self, VentricleError> {
-        let VentricleParts { anatomy, wall, end_diastole, contraction, activation_ms, cycle_length, .. } = parts;
-        let parameter = |name, value, expected| Err(VentricleError::Parameter { name, value, expected });
-        if activation_ms.len() != anatomy.n_vertices {
-            return parameter("activation times", activation_ms.len() as f64, "as many as the mesh has nodes");
-        }
-        let mut of_muscle = vec![false; anatomy.n_vertices];
-        for (corners, _) in anatomy.corners.iter().zip(&anatomy.contracts).filter(|(_, c)| **c) {
-            corners.iter().for_each(|n| of_muscle[*n as usize] = true);
-        }
-        let latest = (0..anatomy.n_vertices).filter(|n| of_muscle[*n]).map(|n| activation_ms[n]).fold(0.0, f64::max);
-        if !latest.is_finite() {
-            return parameter("latest activation time", latest, "finite in all contracting tissue");
-        }
-        if !(cycle_length.0 > latest && cycle_length.0.is_finite()) {
-            return parameter("cycle length", cycle_length.0, "longer than the latest activation time");
-        }
+        Self::on_threads(parts, 1, ThreadSettings::default())
+    }
+
+    /// The same on several threads, each with a part of the mesh. With linear elements and the solver
+    /// [`crate::newton::LinearSolver::BlockJacobi`] only.
+    ///
+    /// A rank that panics, or lets the others wait for too long, ends all: the next operation then unwinds with the failure's
+    /// text ([`crate::parallel::RankFailure`]).
+    ///
+    /// # Errors
+    /// As for [`Self::new`]; [`VentricleError::Parameter`] for elements or a solver that several ranks do not have.
+    pub fn on_threads(
+        parts: VentricleParts<'_>,
+        n_ranks: usize,
+        settings: ThreadSettings,
+    ) -> Result<Self, VentricleError> {
+        checked(&parts)?;
+        let (setup, rest) = taken(parts);
+        let mut of_ranks = parts_of(rest.anatomy, n_ranks)?.into_iter();
+        let mut share = |part| Share::of(part, rest.anatomy, &rest.end_diastole, rest.activation_ms);
+        let first = of_ranks.next().map(&mut share);
         let failed =
             |error: &dyn std::error::Error| VentricleError::NoMotion { t_ms: 0.0, dt_ms: 0.0, reason: chain(error) };
-        let PassiveState { mut dynamics, u, pressure_kpa, .. } = end_diastole;
-        wall.support(anatomy, &mut dynamics, &u).map_err(|e: WallError| failed(&e))?;
-        let mut deformation = Deformation::default();
-        dynamics.body.deform(&u, dynamics.comm.as_ref(), &mut deformation);
-        let convention = wall.active.convention;
-        let mut points = PointContraction::new(
-            contraction,
-            cycle_length.0,
-            convention,
-            anatomy,
-            &dynamics.body,
-            activation_ms,
-            &deformation,
-        )
-        .with_viscosity(parts.viscosity);
-        // The stress at time zero: a step of vanishing length at constant stretch.
-        let mut active = vec![];
-        points
-            .evaluate(1e-6, &deformation, &mut active)
-            .map_err(|source| VentricleError::Contraction { t_ms: 0.0, source })?;
-        points.commit();
-        let mut now = dynamics.start(u, active, pressure_kpa).map_err(|s| failed(&inverted(s)))?;
-        // What the solver of step 0 left is no load: the beat begins at rest.
-        now.motion.a.fill(0.0);
-        let average = points.node_average(anatomy, &dynamics.body);
-        let node_activation_ms = average.nodes.iter().map(|n| activation_ms[*n as usize]).collect();
-        let volume_mm3 = dynamics.cavity_volume(&now.motion.u);
-        let solver = Solver::new();
-        Ok(Self {
-            dynamics,
-            contraction: points,
-            average,
+        let Some(first) = first else { unreachable!("there is a rank 0") };
+        if n_ranks <= 1 {
+            let rank = OrganRank::new(&setup, first, Box::new(SingleProcess))?;
+            return Ok(Self::led_by(rank, rest, None));
+        }
+        let mut others = of_ranks.map(|part| share(part).into_owned()).collect::<Vec<_>>().into_iter();
+        let (comm, crew) = crew(n_ranks, settings, |_| {
+            let (setup, share) = (setup.clone(), others.next());
+            move |comm: ThreadRank| {
+                let Some(share) = share else { return };
+                match OrganRank::new(&setup, share, Box::new(comm)) {
+                    Ok(rank) => {
+                        Census::take(&rank);
+                        rank.serve();
+                    }
+                    Err(error) => resume_unwind(Box::new(chain(&error))),
+                }
+            }
+        })
+        .map_err(|error| failed(&error))?;
+        let made = catch_unwind(AssertUnwindSafe(|| OrganRank::new(&setup, first, Box::new(comm))));
+        match made {
+            Ok(rank) => Ok(Self::led_by(rank?, rest, Some(crew))),
+            Err(payload) => match crew.failure() {
+                Some(failure) => Err(failed(&failure)),
+                None => resume_unwind(payload),
+            },
+        }
+    }
+
+    /// Rank 0 of ranks that `comm` joins; the others call [`Self::serve`] with the same parts. Collective.
+    ///
+    /// # Errors
+    /// As for [`Self::on_threads`], then on all ranks or on this one alone: whoever launched the ranks has to end the others.
+    pub fn lead(parts: VentricleParts<'_>, comm: Box<dyn Communicator>) -> Result<Self, VentricleError> {
+        let (rank, rest) = one_of(parts, comm)?;
+        Ok(Self::led_by(rank, rest, None))
+    }
+
+    /// Any other rank: does what rank 0 wants until its ventricle is dropped.
+    ///
+    /// # Errors
+    /// As for [`Self::lead`].
+    pub fn serve(parts: VentricleParts<'_>, comm: Box<dyn Communicator>) -> Result<(), VentricleError> {
+        let (rank, _) = one_of(parts, comm)?;
+        Census::take(&rank);
+        rank.serve();
+        Ok(())
+    }
+
+    fn led_by(rank: OrganRank, rest: Rest<'_>, crew: Option<Crew>) -> Self {
+        let census = Census::take(&rank);
+        let node_activation_ms = census.muscle_nodes.iter().map(|n| rest.activation_ms[*n as usize]).collect();
+        let unloaded = rest.end_diastole.unloaded.as_flattened().to_vec();
+        let terms = rest.pressure_terms;
+        let mut ventricle = Self {
+            census,
             node_activation_ms,
-            settings: parts.settings,
-            solver,
+            unloaded,
             time_ms: 0.0,
-            volume_mm3,
-            cavity_kpa: pressure_kpa
-                + parts.pressure_terms.iter().map(|t| t.pressure(1e-3 * volume_mm3, 0.0).0 / MMHG_PER_KPA).sum::<f64>(),
-            pressure_terms: parts.pressure_terms,
+            volume_mm3: 0.0,
+            cavity_kpa: rank.now.pressure_kpa,
+            pressure_terms: terms,
             rate_kpa_per_ms: 0.0,
-            now,
             trial: None,
             work: VentricleWork::default(),
-        })
+            busy: AtomicBool::new(false),
+            crew,
+            rank,
+        };
+        ventricle.volume_mm3 = ventricle.do_with(Command::Volume, |rank| rank.volume_mm3());
+        let volume_ml = 1e-3 * ventricle.volume_mm3;
+        ventricle.cavity_kpa +=
+            ventricle.pressure_terms.iter().map(|t| t.pressure(volume_ml, 0.0).0 / MMHG_PER_KPA).sum::<f64>();
+        ventricle
+    }
+
+    /// Tells all ranks, and does rank 0's part.
+    fn do_with<T>(&mut self, command: Command, own: impl FnOnce(&mut OrganRank) -> T) -> T {
+        self.busy.store(true, Ordering::Relaxed);
+        self.rank.tell(command);
+        let out = own(&mut self.rank);
+        self.busy.store(false, Ordering::Relaxed);
+        out
+    }
+
+    /// Values of the whole ventricle.
+    fn collected(&self, values: Values) -> Vec<f64> {
+        self.busy.store(true, Ordering::Relaxed);
+        self.rank.tell(Command::Collect(values));
+        let of_ranks = self.rank.collect(values).unwrap_or_default();
+        self.busy.store(false, Ordering::Relaxed);
+        self.census.merged(values.places(), &of_ranks)
+    }
+
+    /// Gives all ranks their share of the whole ventricle's values.
+    fn hand_out(&mut self, values: Values, all: &[f64]) {
+        let parts = self.census.split(values.places(), all);
+        self.do_with(Command::HandOut(values), |rank| rank.take(values, parts));
+    }
+
+    /// Ranks that compute it.
+    #[must_use]
+    pub fn n_ranks(&self) -> usize {
+        self.rank.comm().n_ranks()
     }
 
     /// Work so far.
@@ -162,43 +282,73 @@ impl FiniteElementVentricle {
         self.work
     }
 
-    /// Committed state of motion: displacement from the unloaded geometry, three numbers a node.
+    /// Committed displacement from the unloaded geometry \[mm\], three numbers a node.
     #[must_use]
-    pub fn state(&self) -> &State {
-        &self.now
+    pub fn displacement_mm(&self) -> Vec<f64> {
+        self.collected(Values::Displacement)
     }
 
-    /// The moving wall.
+    /// Unloaded geometry \[mm\], three numbers a node.
+    #[must_use]
+    pub fn unloaded_mm(&self) -> &[f64] {
+        &self.unloaded
+    }
+
+    /// The part of the moving wall that the first rank holds: all of it where that is the only one.
     #[must_use]
     pub fn dynamics(&self) -> &Dynamics {
-        &self.dynamics
+        &self.rank.dynamics
     }
 
     /// Nodes (vertices of the mesh) of the nodal traces.
     #[must_use]
     pub fn nodes(&self) -> &[u32] {
-        &self.average.nodes
+        &self.census.muscle_nodes
     }
 
     /// Forgets what the solver keeps from step to step and a snapshot does not hold, a factorisation: before a checkpoint, so
     /// that the restarted beat is the uninterrupted one to the bit with a direct solver, too.
     pub fn forget_solver(&mut self) {
-        self.solver.forget();
+        self.do_with(Command::Forget, OrganRank::forget);
     }
 }
 
-fn inverted(s: crate::newton::Smallest) -> StepError {
-    StepError::Inverted { element: s.element, volume_ratio: s.volume_ratio }
+impl Drop for FiniteElementVentricle {
+    fn drop(&mut self) {
+        // Threads end with their crew. Other ranks have to be told, where they are listening.
+        if self.crew.is_none() && !self.busy.load(Ordering::Relaxed) && !std::thread::panicking() {
+            self.rank.tell(Command::Stop);
+        }
+    }
 }
 
-fn chain(error: &dyn std::error::Error) -> String {
-    let mut text = error.to_string();
-    let mut source = error.source();
-    while let Some(inner) = source {
-        text += &format!(": {inner}");
-        source = inner.source();
-    }
-    text
+/// What rank 0 alone needs, and what ranks are made from.
+struct Rest<'a> {
+    anatomy: &'a Anatomy,
+    end_diastole: EndDiastole,
+    activation_ms: &'a [f64],
+    pressure_terms: Vec<Box<dyn CavityPressureTerm>>,
+}
+
+fn taken(parts: VentricleParts<'_>) -> (Setup, Rest<'_>) {
+    let VentricleParts { anatomy, wall, end_diastole, contraction, activation_ms, cycle_length, .. } = parts;
+    let setup = Setup {
+        wall: wall.clone(),
+        contraction: SharedModel::new(contraction),
+        cycle_length_ms: cycle_length.0,
+        viscosity: parts.viscosity,
+        settings: parts.settings,
+    };
+    (setup, Rest { anatomy, end_diastole, activation_ms, pressure_terms: parts.pressure_terms })
+}
+
+/// The calling rank of several that all have the same parts.
+fn one_of(parts: VentricleParts<'_>, comm: Box<dyn Communicator>) -> Result<(OrganRank, Rest<'_>), VentricleError> {
+    checked(&parts)?;
+    let (setup, rest) = taken(parts);
+    let part = parts_of(rest.anatomy, comm.n_ranks())?.swap_remove(comm.rank());
+    let share = Share::of(part, rest.anatomy, &rest.end_diastole, rest.activation_ms);
+    Ok((OrganRank::new(&setup, share, comm)?, rest))
 }
 
 /// Cavity pressure \[kPa\] and volume \[mm³\] that the circulation leaves, for the wall's pressure, with the volume's slope.
@@ -255,29 +405,20 @@ impl Ventricle for FiniteElementVentricle {
         }
         let dt_ms = dt.0;
         let end_ms = self.time_ms + dt_ms;
-        self.contraction.begin_step(end_ms);
-        let mut candidate = Candidate::default();
-        self.dynamics.scheme.predict(dt_ms, &self.now.motion, &mut candidate.motion.u);
-        candidate.pressure_kpa = self.now.pressure_kpa + dt_ms * self.rate_kpa_per_ms;
+        let pressure_kpa = self.rank.now.pressure_kpa + dt_ms * self.rate_kpa_per_ms;
         let mut cavity_kpa = self.cavity_kpa;
+        self.work.steps += 1;
+        self.busy.store(true, Ordering::Relaxed);
+        self.rank.tell(Command::Try { end_ms, dt_ms, pressure_kpa });
         let (start, terms) = (self.volume_mm3, &self.pressure_terms);
         let mut volume_for = |wall_kpa: f64| {
             let (cavity, volume, slope) = balance(circulation, terms, start, dt_ms, wall_kpa)?;
             cavity_kpa = cavity;
             Ok((volume, slope))
         };
-        self.work.steps += 1;
-        let result = step(
-            &self.dynamics,
-            &self.now,
-            dt_ms,
-            &mut candidate,
-            &mut self.contraction,
-            &mut Closure::Balance(&mut volume_for),
-            &mut self.solver,
-            &self.settings,
-        );
-        let (force, report) = result.map_err(|error| match error {
+        let result = self.rank.try_step([end_ms, dt_ms, pressure_kpa], &mut Closure::Balance(&mut volume_for));
+        self.busy.store(false, Ordering::Relaxed);
+        let (report, volume_mm3, wall_kpa) = result.map_err(|error| match error {
             StepError::Contraction(source) => VentricleError::Contraction { t_ms: end_ms, source },
             StepError::Circulation(source) => VentricleError::Circulation(source),
             other => VentricleError::NoMotion { t_ms: end_ms, dt_ms, reason: chain(&other) },
@@ -287,25 +428,24 @@ impl Ventricle for FiniteElementVentricle {
         self.work.krylov_iterations += krylov_iterations;
         self.work.factorisations += factorisations;
         // What passes the valves is what the volume changes by: the residual is not carried on.
-        let volume_mm3 = self.dynamics.cavity_volume(&candidate.motion.u) - volume_residual_mm3;
-        let state = State { motion: candidate.motion, force, pressure_kpa: candidate.pressure_kpa };
-        self.trial = Some(Trial { time_ms: end_ms, dt_ms, state, volume_mm3, cavity_kpa });
+        let volume_mm3 = volume_mm3 - volume_residual_mm3;
+        self.trial = Some(Trial { time_ms: end_ms, dt_ms, wall_kpa, volume_mm3, cavity_kpa });
         Ok(TriedStep { pressure: Mmhg(cavity_kpa * MMHG_PER_KPA), volume: Ml(volume_mm3 * 1e-3), iterations })
     }
 
     fn commit(&mut self) {
         if let Some(trial) = self.trial.take() {
-            self.rate_kpa_per_ms = (trial.state.pressure_kpa - self.now.pressure_kpa) / trial.dt_ms;
+            self.rate_kpa_per_ms = (trial.wall_kpa - self.rank.now.pressure_kpa) / trial.dt_ms;
             self.time_ms = trial.time_ms;
-            self.now = trial.state;
             self.volume_mm3 = trial.volume_mm3;
             self.cavity_kpa = trial.cavity_kpa;
-            self.contraction.commit();
+            self.do_with(Command::Commit, OrganRank::commit);
         }
     }
 
     fn roll_back(&mut self) {
         self.trial = None;
+        self.do_with(Command::RollBack, OrganRank::roll_back);
     }
 
     fn activation_times_ms(&self) -> &[f64] {
@@ -313,37 +453,38 @@ impl Ventricle for FiniteElementVentricle {
     }
 
     fn node_weights(&self) -> &[f64] {
-        &self.average.weights
+        &self.census.weights
     }
 
     fn active_stress_kpa(&self, out: &mut [f64]) {
-        self.average.apply(self.contraction.committed()[1], out);
+        out.copy_from_slice(&self.collected(Values::Stress));
     }
 
     fn calcium_um(&self, out: &mut [f64]) {
-        self.average.apply(self.contraction.committed()[2], out);
+        out.copy_from_slice(&self.collected(Values::Calcium));
     }
 
     fn stretch(&self, out: &mut [f64]) {
-        self.average.apply(self.contraction.committed()[0], out);
+        out.copy_from_slice(&self.collected(Values::Stretch));
     }
 
     fn snapshot(&self) -> VentricleSnapshot {
-        let State { motion, force, pressure_kpa } = &self.now;
-        let mut values = vec![self.time_ms, self.volume_mm3, self.cavity_kpa, self.rate_kpa_per_ms, *pressure_kpa];
-        for part in [&motion.u, &motion.v, &motion.a, force] {
-            values.extend_from_slice(part);
+        let pressure_kpa = self.rank.now.pressure_kpa;
+        let mut values = vec![self.time_ms, self.volume_mm3, self.cavity_kpa, self.rate_kpa_per_ms, pressure_kpa];
+        for part in IN_SNAPSHOTS.into_iter().chain([Values::Response]) {
+            values.extend(self.collected(part));
         }
-        values.extend(self.contraction.snapshot());
-        values.extend_from_slice(self.solver.response());
         VentricleSnapshot { kind: KIND.to_owned(), values }
     }
 
     fn restore(&mut self, snapshot: &VentricleSnapshot) -> Result<(), VentricleError> {
-        let n = self.now.motion.u.len();
-        let expected_values = 5 + 4 * n + self.contraction.snapshot_len();
+        let widths = self.rank.widths();
+        let parts: Vec<(Values, usize)> = (IN_SNAPSHOTS.into_iter())
+            .map(|part| (part, self.census.n_values(part.places(), part.of_points().map_or(3, |k| widths[k]))))
+            .collect();
+        let expected_values = 5 + parts.iter().map(|(_, n)| n).sum::<usize>();
         // A solver that has not solved yet has no start for its next solve.
-        let lengths = [expected_values, expected_values + n];
+        let lengths = [expected_values, expected_values + self.unloaded.len()];
         if snapshot.kind != KIND || !lengths.contains(&snapshot.values.len()) {
             return Err(VentricleError::ForeignSnapshot {
                 found: snapshot.kind.clone(),
@@ -357,19 +498,17 @@ impl Ventricle for FiniteElementVentricle {
         self.volume_mm3 = scalars[1];
         self.cavity_kpa = scalars[2];
         self.rate_kpa_per_ms = scalars[3];
-        self.now.pressure_kpa = scalars[4];
-        let State { motion, force, .. } = &mut self.now;
-        for part in [&mut motion.u, &mut motion.v, &mut motion.a, force] {
-            let (own, others) = rest.split_at(n);
-            part.clear();
-            part.extend_from_slice(own);
-            rest = others;
-        }
-        let (own, response) = rest.split_at(self.contraction.snapshot_len());
-        self.contraction.restore(own);
         self.trial = None;
-        self.solver.forget();
-        self.solver.respond_from(response);
+        let pressure_kpa = scalars[4];
+        self.do_with(Command::Resume { pressure_kpa }, |rank| rank.resume(pressure_kpa));
+        for (part, n) in parts {
+            let (own, others) = rest.split_at(n);
+            rest = others;
+            self.hand_out(part, own);
+        }
+        if !rest.is_empty() {
+            self.hand_out(Values::Response, rest);
+        }
         Ok(())
     }
 }

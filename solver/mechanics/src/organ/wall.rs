@@ -106,8 +106,21 @@ impl WallParameters {
     /// # Errors
     /// [`WallError`] for bad parameters, elements or surfaces.
     pub fn hung(&self, anatomy: &Anatomy, unloaded: &[[f64; 3]]) -> Result<Dynamics, WallError> {
+        self.hung_on(anatomy, unloaded, Layout::whole(unloaded.len()), Box::new(SingleProcess))
+    }
+
+    /// As [`Self::hung`], a rank's part of it: see [`Anatomy::part`]. Collective.
+    ///
+    /// # Errors
+    /// [`WallError`], with the rank's own numbers of elements and nodes.
+    pub fn hung_on(
+        &self,
+        anatomy: &Anatomy,
+        unloaded: &[[f64; 3]],
+        layout: Layout,
+        comm: Box<dyn Communicator>,
+    ) -> Result<Dynamics, WallError> {
         self.check()?;
-        let comm: Box<dyn Communicator> = Box::new(SingleProcess);
         let frames = anatomy.frames_at(unloaded);
         let tissue = |law, kappa_kpa, volumetric, active| Tissue {
             law,
@@ -126,7 +139,7 @@ impl WallParameters {
         ];
         let tissue_of: Vec<usize> = anatomy.contracts.iter().map(|c| usize::from(!c)).collect();
         let frame = |e: usize, _: [f64; 3]| frames[e];
-        let (n_vertices, volume, layout) = (anatomy.n_vertices, anatomy.volume, Layout::whole(unloaded.len()));
+        let (n_vertices, volume) = (anatomy.n_vertices, anatomy.volume);
         macro_rules! input {
             ($tets:expr) => {
                 BodyInput {
@@ -145,7 +158,7 @@ impl WallParameters {
             Tets::Linear(tets) => Body::linear(&input!(tets), comm.as_ref())?,
             Tets::Quadratic(tets) => Body::quadratic(&input!(tets), comm.as_ref())?,
         };
-        let cavity = self.cavity(anatomy, body.reference(), body.pattern())?;
+        let cavity = self.cavity(anatomy, body.reference(), body.pattern(), comm.as_ref())?;
         let mut dynamics = Dynamics::new(body, comm, GeneralisedAlpha::with_spectral_radius(self.spectral_radius));
         dynamics.cavity = Some(cavity);
         // At rest in the imaged configuration, which is the one that forces are balanced in.
@@ -182,15 +195,21 @@ impl WallParameters {
         Ok(Support { robin, spring, dashpot: 0.0, rest })
     }
 
-    fn cavity(&self, a: &Anatomy, reference: &[f64], pattern: &Arc<Pattern>) -> Result<Cavity, WallError> {
+    fn cavity(
+        &self,
+        a: &Anatomy,
+        reference: &[f64],
+        pattern: &Arc<Pattern>,
+        comm: &dyn Communicator,
+    ) -> Result<Cavity, WallError> {
         let openings = a.openings.clone();
         let hangs = self.valve_plane == ValvePlane::HangsOnRim;
         match (&a.endocardium, &a.rim) {
             (Triangles::Linear(wall), Triangles::Linear(rim)) => {
-                Cavity::new(wall, openings, if hangs { rim } else { &[] }, reference, pattern)
+                Cavity::new(wall, openings, if hangs { rim } else { &[] }, reference, pattern, comm)
             }
             (Triangles::Quadratic(wall), Triangles::Quadratic(rim)) => {
-                Cavity::new(wall, openings, if hangs { rim } else { &[] }, reference, pattern)
+                Cavity::new(wall, openings, if hangs { rim } else { &[] }, reference, pattern, comm)
             }
             _ => Err(SurfaceError::Nodes { found: 0 }),
         }

@@ -70,6 +70,15 @@ impl Space<'_> {
         sum[0]
     }
 
+    /// Several scalar products over all ranks, in one reduction; collective.
+    #[must_use]
+    pub fn dots<const N: usize>(&self, pairs: [(&[f64], &[f64]); N]) -> [f64; N] {
+        let n = self.n_owned();
+        let mut sums = pairs.map(|(a, b)| dot(&a[..n], &b[..n]));
+        self.comm.sum(&mut sums);
+        sums
+    }
+
     /// Euclidean norm over all ranks; collective.
     #[must_use]
     pub fn norm(&self, a: &[f64]) -> f64 {

@@ -1,12 +1,16 @@
 //! Everything that is global: sums, halos, gathers. Code above this module runs unchanged on one process, on threads or on
 //! MPI ranks; an implementation of [`Communicator`] is all that differs.
 
+mod agreement;
 mod communicator;
 mod layout;
+mod part;
 mod partition;
 mod threads;
 
+pub use agreement::{Disagreement, agree};
 pub use communicator::{Communicator, SingleProcess};
 pub use layout::{Layout, Neighbour, Space};
+pub use part::Part;
 pub use partition::{CutFigures, PartitionError, figures as cut_figures, owners};
 pub use threads::{Crew, RankFailure, ThreadRank, ThreadSettings, crew, on_threads};

@@ -2,7 +2,7 @@
 //!
 //! A reduction is one post of each rank on its own desk, which all others read: two sets of values take turns, so that a rank
 //! that is ahead overwrites nothing that another still reads. Halos pass through a letterbox for each pair of ranks. A rank
-//! that waits spins for a few microseconds, offers its core to others, then sleeps.
+//! that waits spins for some microseconds, then sleeps: on a busy machine others need the core.
 //!
 //! Nothing waits for ever: when a rank fails, leaves before its time, or lets another wait for longer than
 //! [`ThreadSettings::patience`], all ranks end with one [`RankFailure`].
@@ -20,10 +20,8 @@ use super::{Communicator, Layout};
 
 /// Values that one post holds; longer lists go in several.
 const POST: usize = 16;
-/// How often a rank that waits looks before it offers its core.
+/// How often a rank that waits looks before it sleeps.
 const SPINS: usize = 500;
-/// How often it offers its core before it sleeps.
-const YIELDS: usize = 50;
 
 /// Settings of a group.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -169,12 +167,6 @@ impl ThreadRank {
                 return;
             }
             std::hint::spin_loop();
-        }
-        for _ in 0..YIELDS {
-            if done() {
-                return;
-            }
-            std::thread::yield_now();
         }
         let group = &*self.group;
         let mut bed = locked(&group.bed);

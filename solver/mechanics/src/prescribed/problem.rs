@@ -229,8 +229,8 @@ impl Problem<'_> {
 
 fn enclosed(faces: &Faces, loops: Vec<Vec<u32>>, reference: &[f64], pattern: &Pattern) -> Result<Cavity, SurfaceError> {
     match faces {
-        Faces::Linear(t) => Cavity::new::<3>(t, loops, &[], reference, pattern),
-        Faces::Quadratic(t) => Cavity::new::<6>(t, loops, &[], reference, pattern),
+        Faces::Linear(t) => Cavity::new::<3>(t, loops, &[], reference, pattern, &SingleProcess),
+        Faces::Quadratic(t) => Cavity::new::<6>(t, loops, &[], reference, pattern, &SingleProcess),
     }
 }
 

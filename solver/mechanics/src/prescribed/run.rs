@@ -97,7 +97,7 @@ fn sample(setup: &SetupView<'_>, t_ms: f64, u: &[f64]) -> Sample {
     let probes_mm = (setup.probes.iter())
         .map(|nodes| std::array::from_fn(|i| nodes.iter().map(|(n, w)| w * u[3 * *n as usize + i]).sum()))
         .collect();
-    let cavities_mm3 = setup.cavities.iter().map(|c| c.volume(setup.reference, u)).collect();
+    let cavities_mm3 = setup.cavities.iter().map(|c| c.volume(&SingleProcess, setup.reference, u)).collect();
     Sample { t_ms, probes_mm, cavities_mm3 }
 }
 

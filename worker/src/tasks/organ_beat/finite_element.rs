@@ -7,7 +7,9 @@ use std::ops::ControlFlow;
 use std::path::Path;
 use std::time::Instant;
 
-use cardiotwin_mechanics::organ::{FiniteElementVentricle, VentricleParts, VentricleWork};
+use cardiotwin_mechanics::newton::LinearSolver;
+use cardiotwin_mechanics::organ::{ElementKind, FiniteElementVentricle, VentricleParts, VentricleWork};
+use cardiotwin_mechanics::parallel::ThreadSettings;
 use cardiotwin_mechanics::step::StepSettings;
 use cardiotwin_mesh::TetMesh;
 use cardiotwin_models::beat::{BeatOutcome, run_observed};
@@ -51,7 +53,7 @@ pub(super) fn run(
     context.progress.report("setting up", 0.0, None, || {
         format!("{} nodes, {} tetrahedra", organ.figures.nodes, organ.figures.elements)
     });
-    let Organ { mut ventricle, mut circulation, mesh } = assemble(spec, organ)?;
+    let Organ { mut ventricle, mut circulation, mesh } = assemble(spec, organ, context.threads)?;
     let seconds_setup = begun.elapsed().as_secs_f64();
     let begun = Instant::now();
     let length = spec.cycle_length_ms;
@@ -125,6 +127,7 @@ pub(super) fn run(
         ("newton_iterations_tried", work.newton_iterations as f64),
         ("krylov_iterations", work.krylov_iterations as f64),
         ("factorisations", work.factorisations as f64),
+        ("threads", ventricle.n_ranks() as f64),
         ("seconds_setup", seconds_setup),
         ("seconds_beat", begun.elapsed().as_secs_f64()),
     ]
@@ -135,7 +138,7 @@ pub(super) fn run(
         context.artefacts.write("series", &format!("{}/{}", series::FOLDER, series::INDEX), &series.index())?;
     }
     if let BeatOutcome::Finished(result) = &outcome {
-        let unloaded = ventricle.dynamics().body.reference();
+        let unloaded = ventricle.unloaded_mm();
         let drawn = heart::Organ { mesh: &mesh, unloaded, nodes: ventricle.nodes() };
         if let Some(surface) = heart::surface(&drawn, &shapes, &result.traces) {
             context.artefacts.write_bytes("heart", "heart.json", heart::text(&surface).as_bytes())?;
@@ -182,11 +185,18 @@ fn write(file: &Path, bytes: &[u8]) -> io::Result<()> {
     files::write_atomic(file, bytes)
 }
 
-/// Ventricle and circulation of a specification with its effects, at their start.
+/// Threads that a beat with these elements and equations can use.
+fn usable(threads: u32, kind: ElementKind, equations: &EquationSettings) -> usize {
+    let one_rank = kind.quadratic || wall::linear_solver(equations.linear_solver) != LinearSolver::BlockJacobi;
+    if one_rank { 1 } else { threads.max(1) as usize }
+}
+
+/// Ventricle and circulation of a specification with its effects, at their start, on so many threads where its elements and
+/// equations allow.
 ///
 /// # Errors
 /// As for [`run`].
-pub(super) fn assemble(spec: &OrganBeatSpec, organ: &FiniteElementOrgan) -> Result<Organ, TaskError> {
+pub(super) fn assemble(spec: &OrganBeatSpec, organ: &FiniteElementOrgan, threads: u32) -> Result<Organ, TaskError> {
     let stored = StoredVentricle::read(&organ.ventricle)?;
     let figures = &organ.figures;
     // A one-fibre ventricle of the same volumes, from which effects take those that they need.
@@ -210,9 +220,10 @@ pub(super) fn assemble(spec: &OrganBeatSpec, organ: &FiniteElementOrgan) -> Resu
     let activation_ms: Vec<f64> = (stored.mesh.nodes_mm.iter().zip(&stored.activation_ms))
         .map(|(node, time)| figures.onset_ms + time + parts.late.map_or(0.0, |late| delay_ms(late, node)))
         .collect();
-    let EquationSettings { tolerance, linear_solver } =
-        spec.finite_element.unwrap_or_else(|| FiniteElementSettings::default().equations());
-    let ventricle = FiniteElementVentricle::new(VentricleParts {
+    let equations = spec.finite_element.unwrap_or_else(|| FiniteElementSettings::default().equations());
+    let n_ranks = usable(threads, wall::element(stored.about.element), &equations);
+    let EquationSettings { tolerance, linear_solver } = equations;
+    let of_ventricle = VentricleParts {
         anatomy: &restored.anatomy,
         wall: &restored.wall,
         end_diastole: restored.end_diastole,
@@ -227,8 +238,9 @@ pub(super) fn assemble(spec: &OrganBeatSpec, organ: &FiniteElementOrgan) -> Resu
             linear: wall::linear_solver(linear_solver),
             ..StepSettings::default()
         },
-    })
-    .map_err(TaskError::Organ)?;
+    };
+    let ventricle = FiniteElementVentricle::on_threads(of_ventricle, n_ranks, ThreadSettings::default());
+    let ventricle = ventricle.map_err(TaskError::Organ)?;
     Ok(Organ { ventricle, circulation: parts.circulation, mesh: stored.mesh })
 }
 

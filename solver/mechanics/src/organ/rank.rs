@@ -1,0 +1,414 @@
+//! What every rank of a ventricle does: its part of the wall, and the commands of rank 0.
+//!
+//! Rank 0 knows the circulation and the program around it; the others wait for its commands. Every operation here is
+//! collective: rank 0 tells what it is ([`Command`]), and all ranks do it.
+
+use std::borrow::Cow;
+
+use cardiotwin_models::effects::FibreViscosity;
+use cardiotwin_models::ventricle::VentricleError;
+
+use super::anatomy::Anatomy;
+use super::contraction::{NodeAverage, PointContraction, SharedModel};
+use super::end_diastole::EndDiastole;
+use super::wall::{WallError, WallParameters, displacement};
+use crate::body::{BodyError, Deformation};
+use crate::dynamics::{Candidate, Dynamics, State};
+use crate::element::batch::ElementError;
+use crate::newton::{LinearSolver, Smallest};
+use crate::parallel::{Communicator, Part, Space};
+use crate::step::{Closure, PointStress as _, Solver, StepError, StepReport, StepSettings, step};
+
+/// What all ranks share.
+#[derive(Debug, Clone)]
+pub(super) struct Setup {
+    pub wall: WallParameters,
+    pub contraction: SharedModel,
+    pub cycle_length_ms: f64,
+    pub viscosity: Option<FibreViscosity>,
+    pub settings: StepSettings,
+}
+
+/// What a rank is given of the heart, in its own numbers.
+#[derive(Debug)]
+pub(super) struct Share<'a> {
+    pub part: Part,
+    pub anatomy: Cow<'a, Anatomy>,
+    pub end_diastole: EndDiastole,
+    pub activation_ms: Vec<f64>,
+}
+
+impl<'a> Share<'a> {
+    pub fn of(part: Part, anatomy: &'a Anatomy, end_diastole: &EndDiastole, activation_ms: &[f64]) -> Self {
+        let whole = part.layout.neighbours.is_empty();
+        let (anatomy, end_diastole) = (anatomy.part(&part), end_diastole.part(&part));
+        let activation_ms = if whole { activation_ms.to_vec() } else { part.take(1, activation_ms) };
+        Self { part, anatomy, end_diastole, activation_ms }
+    }
+
+    pub fn into_owned(self) -> Share<'static> {
+        Share { anatomy: Cow::Owned(self.anatomy.into_owned()), ..self }
+    }
+}
+
+/// Values of nodes or points that rank 0 collects or hands out.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Values {
+    /// Displacement, velocity, acceleration, forces, and the solver's response to pressure: three a node.
+    Displacement,
+    Velocity,
+    Acceleration,
+    Force,
+    Response,
+    /// Contraction states, stretch, stress, calcium: a number of them a point.
+    Cells,
+    PointStretch,
+    PointStress,
+    PointCalcium,
+    /// Means of stretch, stress and calcium, one a node of the muscle; collected only.
+    Stretch,
+    Stress,
+    Calcium,
+}
+
+impl Values {
+    pub const ALL: [Self; 12] = [
+        Self::Displacement,
+        Self::Velocity,
+        Self::Acceleration,
+        Self::Force,
+        Self::Response,
+        Self::Cells,
+        Self::PointStretch,
+        Self::PointStress,
+        Self::PointCalcium,
+        Self::Stretch,
+        Self::Stress,
+        Self::Calcium,
+    ];
+
+    /// Position among the states of the points.
+    pub fn of_points(self) -> Option<usize> {
+        [Self::Cells, Self::PointStretch, Self::PointStress, Self::PointCalcium].iter().position(|v| *v == self)
+    }
+
+    /// Position among the means of the nodes of the muscle.
+    fn of_muscle(self) -> Option<usize> {
+        [Self::Stretch, Self::Stress, Self::Calcium].iter().position(|v| *v == self)
+    }
+
+    pub fn places(self) -> Places {
+        match self {
+            _ if self.of_points().is_some() => Places::Points,
+            _ if self.of_muscle().is_some() => Places::Muscle,
+            _ => Places::Nodes,
+        }
+    }
+}
+
+/// What values belong to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Places {
+    Nodes,
+    Points,
+    Muscle,
+}
+
+/// What rank 0 wants.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Command {
+    /// Leave.
+    Stop,
+    /// Try a step to `end_ms`.
+    Try { end_ms: f64, dt_ms: f64, pressure_kpa: f64 },
+    /// Accept the step that was tried.
+    Commit,
+    /// Drop it.
+    RollBack,
+    /// Forget what the solver keeps, and go on from a state whose values follow.
+    Resume { pressure_kpa: f64 },
+    /// Forget what the solver keeps.
+    Forget,
+    /// Collect values on rank 0.
+    Collect(Values),
+    /// Take values from rank 0.
+    HandOut(Values),
+    /// Find the cavity's volume.
+    Volume,
+}
+
+impl Command {
+    fn encoded(self) -> [f64; 4] {
+        let number = |values: Values| Values::ALL.iter().position(|v| *v == values).unwrap_or_default() as f64;
+        match self {
+            Self::Stop => [0.0; 4],
+            Self::Try { end_ms, dt_ms, pressure_kpa } => [1.0, end_ms, dt_ms, pressure_kpa],
+            Self::Commit => [2.0, 0.0, 0.0, 0.0],
+            Self::RollBack => [3.0, 0.0, 0.0, 0.0],
+            Self::Resume { pressure_kpa } => [4.0, pressure_kpa, 0.0, 0.0],
+            Self::Forget => [5.0, 0.0, 0.0, 0.0],
+            Self::Collect(values) => [6.0, number(values), 0.0, 0.0],
+            Self::HandOut(values) => [7.0, number(values), 0.0, 0.0],
+            Self::Volume => [8.0, 0.0, 0.0, 0.0],
+        }
+    }
+
+    fn decoded([code, a, b, c]: [f64; 4]) -> Self {
+        match code as u32 {
+            1 => Self::Try { end_ms: a, dt_ms: b, pressure_kpa: c },
+            2 => Self::Commit,
+            3 => Self::RollBack,
+            4 => Self::Resume { pressure_kpa: a },
+            5 => Self::Forget,
+            6 => Self::Collect(Values::ALL[a as usize]),
+            7 => Self::HandOut(Values::ALL[a as usize]),
+            8 => Self::Volume,
+            _ => Self::Stop,
+        }
+    }
+}
+
+/// A rank's part of the ventricle.
+#[derive(Debug)]
+pub(super) struct OrganRank {
+    pub part: Part,
+    pub dynamics: Dynamics,
+    pub average: NodeAverage,
+    pub now: State,
+    contraction: PointContraction,
+    /// Whether this rank speaks for the element of each point.
+    speaks_for: Vec<bool>,
+    settings: StepSettings,
+    solver: Solver,
+    trial: Option<State>,
+}
+
+impl OrganRank {
+    /// A rank's part in end-diastole, at rest, time zero. Collective.
+    ///
+    /// # Errors
+    /// [`VentricleError`] where the wall cannot be supported, the contraction model fails or several ranks lack a solver.
+    pub fn new(setup: &Setup, share: Share<'_>, comm: Box<dyn Communicator>) -> Result<Self, VentricleError> {
+        let failed =
+            |error: &dyn std::error::Error| VentricleError::NoMotion { t_ms: 0.0, dt_ms: 0.0, reason: chain(error) };
+        let Share { part, anatomy, end_diastole, activation_ms } = share;
+        if comm.n_ranks() > 1 && setup.settings.linear != LinearSolver::BlockJacobi {
+            let (name, value, expected) = ("ranks", comm.n_ranks() as f64, "1 with this linear solver");
+            return Err(VentricleError::Parameter { name, value, expected });
+        }
+        let EndDiastole { unloaded, anchor, u, pressure_kpa } = end_diastole;
+        let mut dynamics = (setup.wall.hung_on(&anatomy, &unloaded, part.layout.clone(), comm))
+            .map_err(|error| failed(&in_whole_mesh(error, &part)))?;
+        dynamics.elements.clone_from(&part.elements);
+        let mut rest = displacement(&anatomy.nodes, &unloaded);
+        rest.iter_mut().zip(&anchor).for_each(|(rest, anchor)| *rest += anchor);
+        dynamics.supports[0].rest = rest;
+        setup.wall.support(&anatomy, &mut dynamics, &u).map_err(|e: WallError| failed(&e))?;
+        let mut deformation = Deformation::default();
+        dynamics.body.deform(&u, dynamics.comm.as_ref(), &mut deformation);
+        let mut points = PointContraction::new(
+            &setup.contraction,
+            setup.cycle_length_ms,
+            setup.wall.active.convention,
+            &anatomy,
+            &dynamics.body,
+            &activation_ms,
+            &deformation,
+        )
+        .with_viscosity(setup.viscosity);
+        // The stress at time zero: a step of vanishing length at constant stretch.
+        let mut active = vec![];
+        points
+            .evaluate(1e-6, &deformation, &mut active)
+            .map_err(|source| VentricleError::Contraction { t_ms: 0.0, source })?;
+        points.commit();
+        let mut now = dynamics.start(u, active, pressure_kpa).map_err(|s| failed(&inverted(s)))?;
+        // What the solver of step 0 left is no load: the beat begins at rest.
+        now.motion.a.fill(0.0);
+        let average = points.node_average(&anatomy, &dynamics.body, dynamics.comm.as_ref());
+        let speaks_for = points.elements(&dynamics.body).map(|e| part.speaks_for[e as usize]).collect();
+        Ok(Self {
+            part,
+            average,
+            now,
+            contraction: points,
+            speaks_for,
+            settings: setup.settings,
+            solver: Solver::new(),
+            trial: None,
+            dynamics,
+        })
+    }
+
+    pub fn comm(&self) -> &dyn Communicator {
+        self.dynamics.comm.as_ref()
+    }
+
+    /// Tells the other ranks what to do; for rank 0, which then does it, too.
+    pub fn tell(&self, command: Command) {
+        if self.comm().n_ranks() > 1 {
+            self.comm().command(&mut command.encoded());
+        }
+    }
+
+    /// Does what rank 0 wants until it wants no more; for the other ranks.
+    pub fn serve(mut self) {
+        loop {
+            let mut word = [0.0; 4];
+            self.comm().command(&mut word);
+            match Command::decoded(word) {
+                Command::Stop => return,
+                Command::Try { end_ms, dt_ms, pressure_kpa } => {
+                    // Rank 0 knows what went wrong.
+                    let _ = self.try_step([end_ms, dt_ms, pressure_kpa], &mut Closure::BalanceOfRank0);
+                }
+                Command::Commit => self.commit(),
+                Command::RollBack => self.roll_back(),
+                Command::Resume { pressure_kpa } => self.resume(pressure_kpa),
+                Command::Forget => self.solver.forget(),
+                Command::Collect(values) => drop(self.collect(values)),
+                Command::HandOut(values) => self.take(values, vec![]),
+                Command::Volume => {
+                    let _ = self.volume_mm3();
+                }
+            }
+        }
+    }
+
+    /// Tries a step; returns what it cost, the cavity volume \[mm³\] and the pressure \[kPa\] at its end.
+    ///
+    /// # Errors
+    /// [`StepError`], on all ranks.
+    pub fn try_step(
+        &mut self,
+        [end_ms, dt_ms, pressure_kpa]: [f64; 3],
+        closure: &mut Closure<'_>,
+    ) -> Result<(StepReport, f64, f64), StepError> {
+        self.trial = None;
+        self.contraction.begin_step(end_ms);
+        let mut candidate = Candidate { pressure_kpa, ..Candidate::default() };
+        self.dynamics.scheme.predict(dt_ms, &self.now.motion, &mut candidate.motion.u);
+        let (force, report) = step(
+            &self.dynamics,
+            &self.now,
+            dt_ms,
+            &mut candidate,
+            &mut self.contraction,
+            closure,
+            &mut self.solver,
+            &self.settings,
+        )?;
+        let volume_mm3 = self.dynamics.cavity_volume(&candidate.motion.u);
+        let pressure_kpa = candidate.pressure_kpa;
+        self.trial = Some(State { motion: candidate.motion, force, pressure_kpa });
+        Ok((report, volume_mm3, pressure_kpa))
+    }
+
+    /// Committed cavity volume.
+    pub fn volume_mm3(&self) -> f64 {
+        self.dynamics.cavity_volume(&self.now.motion.u)
+    }
+
+    pub fn commit(&mut self) {
+        if let Some(trial) = self.trial.take() {
+            self.now = trial;
+            self.contraction.commit();
+        }
+    }
+
+    pub fn roll_back(&mut self) {
+        self.trial = None;
+    }
+
+    pub fn forget(&mut self) {
+        self.solver.forget();
+    }
+
+    pub fn resume(&mut self, pressure_kpa: f64) {
+        self.now.pressure_kpa = pressure_kpa;
+        self.trial = None;
+        self.solver.forget();
+    }
+
+    /// Number in the whole mesh of the element of each point, and whether this rank speaks for it.
+    pub fn points(&self) -> impl Iterator<Item = (u32, bool)> + '_ {
+        let elements = self.contraction.elements(&self.dynamics.body).map(|e| self.part.elements[e as usize]);
+        elements.zip(self.speaks_for.iter().copied())
+    }
+
+    /// Values of the whole ventricle, rank by rank, on rank 0; of nodes and points that a rank speaks for.
+    pub fn collect(&self, values: Values) -> Option<Vec<Vec<f64>>> {
+        let n_owned = 3 * self.part.layout.n_owned;
+        let State { motion, force, .. } = &self.now;
+        let nodes = |all: &[f64]| self.comm().gather(&all[..n_owned.min(all.len())]);
+        match values {
+            Values::Displacement => nodes(&motion.u),
+            Values::Velocity => nodes(&motion.v),
+            Values::Acceleration => nodes(&motion.a),
+            Values::Force => nodes(force),
+            Values::Response => nodes(self.solver.response()),
+            _ => match (values.of_points(), values.of_muscle()) {
+                (Some(k), _) => {
+                    let (width, all) = self.contraction.states()[k];
+                    let spoken = all.chunks_exact(width.max(1)).zip(&self.speaks_for).filter(|(_, speaks)| **speaks);
+                    self.comm().gather(&spoken.flat_map(|(values, _)| values).copied().collect::<Vec<f64>>())
+                }
+                (None, k) => {
+                    let mut out = vec![0.0; self.average.nodes.len()];
+                    self.average.apply(self.contraction.committed()[k.unwrap_or_default()], &mut out);
+                    self.comm().gather(&out)
+                }
+            },
+        }
+    }
+
+    /// Takes what rank 0 has for this rank: of owned nodes, and of all points held.
+    pub fn take(&mut self, values: Values, parts: Vec<Vec<f64>>) {
+        let own = self.comm().scatter(parts);
+        if let Some(k) = values.of_points() {
+            *self.contraction.states_mut()[k] = own;
+            return;
+        }
+        let mut all = own;
+        all.resize(3 * self.part.layout.n_local, 0.0);
+        Space { comm: self.dynamics.comm.as_ref(), layout: &self.part.layout }.update(&mut all);
+        let State { motion, force, .. } = &mut self.now;
+        match values {
+            Values::Displacement => motion.u = all,
+            Values::Velocity => motion.v = all,
+            Values::Acceleration => motion.a = all,
+            Values::Force => *force = all,
+            _ => self.solver.respond_from(&all),
+        }
+    }
+
+    /// How many numbers a point has of each of the states.
+    pub fn widths(&self) -> [usize; 4] {
+        self.contraction.states().map(|(width, _)| width)
+    }
+}
+
+/// The error with the element's number in the whole mesh.
+fn in_whole_mesh(error: WallError, part: &Part) -> WallError {
+    match error {
+        WallError::Body(BodyError::Element(ElementError::NotPositive { element, jacobian_mm3 })) => {
+            let element = part.elements[element] as usize;
+            WallError::Body(BodyError::Element(ElementError::NotPositive { element, jacobian_mm3 }))
+        }
+        other => other,
+    }
+}
+
+fn inverted(s: Smallest) -> StepError {
+    StepError::Inverted { element: s.element, volume_ratio: s.volume_ratio }
+}
+
+pub(super) fn chain(error: &dyn std::error::Error) -> String {
+    let mut text = error.to_string();
+    let mut source = error.source();
+    while let Some(inner) = source {
+        text += &format!(": {inner}");
+        source = inner.source();
+    }
+    text
+}

@@ -1,0 +1,145 @@
+//! What one rank holds of a mesh.
+
+use super::{Layout, Neighbour};
+
+/// Not among the nodes of a rank.
+const ELSEWHERE: u32 = u32::MAX;
+
+/// Nodes and elements of a rank, in an order that follows that of the whole mesh.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Part {
+    /// Number in the whole mesh of each node held: owned ones ascending, then ghosts by owner, ascending.
+    pub nodes: Vec<u32>,
+    /// Number in the whole mesh of each element computed, ascending: those with a node that this rank owns.
+    pub elements: Vec<u32>,
+    /// Whether this rank speaks for the element: it owns the lowest of its nodes.
+    pub speaks_for: Vec<bool>,
+    /// Owned nodes, ghosts, exchanges.
+    pub layout: Layout,
+    place: Vec<u32>,
+}
+
+impl Part {
+    /// All of a mesh.
+    #[must_use]
+    pub fn whole(n_nodes: usize, n_elements: usize) -> Self {
+        Self {
+            nodes: (0..n_nodes as u32).collect(),
+            elements: (0..n_elements as u32).collect(),
+            speaks_for: vec![true; n_elements],
+            layout: Layout::whole(n_nodes),
+            place: (0..n_nodes as u32).collect(),
+        }
+    }
+
+    /// The part of `rank`, where `owners` names the rank of each node.
+    #[must_use]
+    pub fn of(rank: usize, owners: &[u32], tets: &[[u32; 4]]) -> Self {
+        let own = |node: u32| owners[node as usize] as usize == rank;
+        let (mut elements, mut speaks_for, mut ghosts) = (vec![], vec![], vec![]);
+        // Owned nodes that other ranks hold: those that share an element with one of theirs.
+        let mut sent: Vec<(u32, u32)> = vec![];
+        for (e, tet) in tets.iter().enumerate().filter(|(_, tet)| tet.iter().any(|n| own(*n))) {
+            elements.push(e as u32);
+            speaks_for.push(tet.iter().min().is_some_and(|lowest| own(*lowest)));
+            for &other in tet.iter().filter(|n| !own(**n)) {
+                let to = owners[other as usize];
+                ghosts.push((to, other));
+                sent.extend(tet.iter().filter(|n| own(**n)).map(|n| (to, *n)));
+            }
+        }
+        for pairs in [&mut ghosts, &mut sent] {
+            pairs.sort_unstable();
+            pairs.dedup();
+        }
+        let mut nodes: Vec<u32> = (0..owners.len() as u32).filter(|n| own(*n)).collect();
+        let n_owned = nodes.len();
+        nodes.extend(ghosts.iter().map(|(_, node)| *node));
+        let mut place = vec![ELSEWHERE; owners.len()];
+        for (k, node) in nodes.iter().enumerate() {
+            place[*node as usize] = k as u32;
+        }
+        let here = |(_, node): &(u32, u32)| place[*node as usize];
+        let neighbours = ghosts
+            .chunk_by(|a, b| a.0 == b.0)
+            .zip(sent.chunk_by(|a, b| a.0 == b.0))
+            .map(|(ghosts, sent)| Neighbour {
+                rank: ghosts[0].0 as usize,
+                send: sent.iter().map(here).collect(),
+                receive: ghosts.iter().map(here).collect(),
+            })
+            .collect();
+        let layout = Layout { n_owned, n_local: nodes.len(), neighbours };
+        Self { nodes, elements, speaks_for, layout, place }
+    }
+
+    /// Where this rank holds a node of the whole mesh.
+    #[must_use]
+    pub fn local(&self, node: u32) -> Option<u32> {
+        self.place.get(node as usize).copied().filter(|place| *place != ELSEWHERE)
+    }
+
+    /// Where this rank holds a node of the whole mesh that it owns.
+    #[must_use]
+    pub fn owned(&self, node: u32) -> Option<u32> {
+        self.local(node).filter(|place| (*place as usize) < self.layout.n_owned)
+    }
+
+    /// Numbers in the whole mesh of the owned nodes.
+    #[must_use]
+    pub fn owned_nodes(&self) -> &[u32] {
+        &self.nodes[..self.layout.n_owned]
+    }
+
+    /// Values of the nodes held, from those of the whole mesh, `width` a node.
+    #[must_use]
+    pub fn take<T: Copy>(&self, width: usize, values: &[T]) -> Vec<T> {
+        self.nodes.iter().flat_map(|n| &values[*n as usize * width..(*n as usize + 1) * width]).copied().collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use cardiotwin_mesh::ellipsoid::{EllipsoidSpec, generate};
+    use cardiotwin_units::Ml;
+
+    use super::super::{Communicator as _, ThreadSettings, on_threads, owners};
+    use super::*;
+
+    #[test]
+    fn parts_make_up_the_mesh_and_know_each_other() {
+        let mesh = generate(&EllipsoidSpec::new(Ml(112.0), Ml(140.0), 700)).expect("a mesh").mesh;
+        let n = mesh.n_nodes();
+        for n_ranks in [1, 2, 5] {
+            let owners = owners(n, &mesh.tets, n_ranks).expect("a cut");
+            let parts: Vec<Part> = (0..n_ranks).map(|rank| Part::of(rank, &owners, &mesh.tets)).collect();
+            let mut seen = vec![0; n];
+            parts.iter().flat_map(Part::owned_nodes).for_each(|node| seen[*node as usize] += 1);
+            assert_eq!(seen, vec![1; n]);
+            let mut spoken = vec![0; mesh.n_tets()];
+            for part in &parts {
+                let own = part.elements.iter().zip(&part.speaks_for).filter(|(_, speaks)| **speaks);
+                own.for_each(|(e, _)| spoken[*e as usize] += 1);
+                assert!(part.elements.is_sorted() && part.owned_nodes().is_sorted());
+                // Every row of an owned node is complete.
+                for (e, tet) in mesh.tets.iter().enumerate() {
+                    let touches = tet.iter().any(|node| part.owned(*node).is_some());
+                    assert_eq!(touches, part.elements.binary_search(&(e as u32)).is_ok());
+                    assert!(!touches || tet.iter().all(|node| part.local(*node).is_some()));
+                }
+            }
+            assert_eq!(spoken, vec![1; mesh.n_tets()]);
+            // Every ghost becomes what its owner has.
+            let arrived = on_threads(n_ranks, ThreadSettings::default(), |comm| {
+                let part = &parts[comm.rank()];
+                let mut values = part.take(1, &(0..n).map(|k| k as f64).collect::<Vec<_>>());
+                values[part.layout.n_owned..].fill(-1.0);
+                comm.update_ghosts(&part.layout, 1, &mut values);
+                values.iter().zip(&part.nodes).all(|(value, node)| *value == f64::from(*node))
+            });
+            assert_eq!(arrived, Ok(vec![true; n_ranks]));
+        }
+        let owners = vec![0; n];
+        assert_eq!(Part::of(0, &owners, &mesh.tets), Part::whole(n, mesh.n_tets()));
+    }
+}
