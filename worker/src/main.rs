@@ -76,13 +76,32 @@ enum Command {
         #[arg(long)]
         quiet: bool,
     },
-    /// Measure a kernel: medians after a warm-up
+    /// Measure a kernel: medians after a warm-up; with --nodes, a beat in 3D and what it is made of
     Bench {
         /// Which kernel
         kernel: Kernel,
         /// Print JSON
         #[arg(long)]
         json: bool,
+        /// With `beat`: a generated 3D ventricle of about so many nodes; minutes for tens of thousands
+        #[arg(long, value_name = "N")]
+        nodes: Option<usize>,
+        /// With --nodes: threads, each with a part of the mesh
+        #[arg(long, alias = "ranks", requires = "nodes", default_value_t = 1, value_name = "R",
+              value_parser = clap::value_parser!(u32).range(1..=1024))]
+        threads: u32,
+        /// With --nodes: linear elements with nodal volume change, or with a plain penalty (the paper's)
+        #[arg(long, requires = "nodes", value_enum, default_value_t = Elements::Linear)]
+        element: Elements,
+        /// With --nodes: length of the beat; the default is whole
+        #[arg(long, requires = "nodes", value_name = "MS", default_value_t = 659.0)]
+        cycle: f64,
+        /// With --nodes: time step
+        #[arg(long, requires = "nodes", value_name = "MS", default_value_t = 1.0)]
+        step: f64,
+        /// With --nodes: relative tolerance of Newton's method
+        #[arg(long, requires = "nodes", default_value_t = 1e-4)]
+        tolerance: f64,
         /// Seeds of each row of `strategies`
         #[arg(long, default_value_t = 10)]
         seeds: u64,
@@ -90,8 +109,14 @@ enum Command {
 }
 
 #[derive(Clone, Copy, ValueEnum)]
+enum Elements {
+    Linear,
+    Pointwise,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
 enum Kernel {
-    /// One beat of the reduced ventricle at 1 ms steps
+    /// One beat of the reduced ventricle at 1 ms steps; of the 3D ventricle with --nodes
     Beat,
     /// The periodic beat of the base model at 2 ms steps, as a fit to traces asks for it
     Periodic,
@@ -154,7 +179,27 @@ fn execute(command: Command) -> anyhow::Result<ExitCode> {
             let done = run_benchmark(&file, out.as_deref(), &stop, &mut progress)?;
             progress(&done.to_string());
         }
-        Command::Bench { kernel, json, seeds } => {
+        Command::Bench { kernel, json, nodes: Some(nodes), threads, element, cycle, step, tolerance, .. } => {
+            anyhow::ensure!(matches!(kernel, Kernel::Beat), "--nodes: only `beat` has a 3D ventricle");
+            let positive = [("--cycle", cycle), ("--step", step), ("--tolerance", tolerance)];
+            for (name, value) in positive {
+                anyhow::ensure!(value > 0.0 && value.is_finite(), "{name} {value}: expected a positive number");
+            }
+            let element = match element {
+                Elements::Linear => bench::Element::Linear,
+                Elements::Pointwise => bench::Element::Pointwise,
+            };
+            let threads = threads as usize;
+            let what = bench::VentricleBench { nodes, threads, element, cycle_ms: cycle, step_ms: step, tolerance };
+            let timing = bench::ventricle(&what, |word| eprintln!("{word}"))?;
+            if json {
+                println!("{}", serde_json::to_string(&timing)?);
+            } else {
+                println!("{timing}");
+            }
+            anyhow::ensure!(timing.diverged.is_none(), "the beat did not reach its end");
+        }
+        Command::Bench { kernel, json, seeds, .. } => {
             let timing = match kernel {
                 Kernel::Beat => serde_json::to_value(bench::beat()?)?,
                 Kernel::Periodic => serde_json::to_value(bench::periodic()?)?,

@@ -1,13 +1,10 @@
 //! Step 0 and one beat of a generated ventricle, with its cost: `cargo run --release -p cardiotwin-mechanics --example
 //! organ-beat -- [nodes=2000] [c=0.8] [element=linear|pointwise|quadratic] [linear=jacobi|sweep|direct] [tolerance=1e-4] [step=1]
-//! [end=659]`. With a stiffness `c` \[kPa\] step 0 only inflates, from the image taken for unloaded.
+//! [end=659]`. With a stiffness `c` \[kPa\] step 0 only inflates, from the image taken for unloaded. What a beat is made of:
+//! `cardiotwin-worker bench beat --nodes N`.
 
 use std::time::Instant;
 
-use cardiotwin_mechanics::body::Deformation;
-use cardiotwin_mechanics::dynamics::Dynamics;
-use cardiotwin_mechanics::element::kernel::ActivePoint;
-use cardiotwin_mechanics::linear::Operator as _;
 use cardiotwin_mechanics::newton::LinearSolver;
 use cardiotwin_mechanics::organ::passive_fit::fit;
 use cardiotwin_mechanics::organ::{
@@ -36,38 +33,6 @@ fn processor_seconds() -> f64 {
 fn argument<T: std::str::FromStr>(name: &str, default: T) -> T {
     let found = std::env::args().find_map(|a| a.strip_prefix(name)?.strip_prefix('=')?.parse().ok());
     found.unwrap_or(default)
-}
-
-/// Nanoseconds a call and unit, the least of many calls: those that nothing interrupted.
-fn nanoseconds(units: usize, mut work: impl FnMut()) -> f64 {
-    let mut call = || {
-        let before = Instant::now();
-        work();
-        1e9 * before.elapsed().as_secs_f64() / units as f64
-    };
-    (0..100).map(|_| call()).fold(f64::INFINITY, f64::min)
-}
-
-/// Prints what passes over the elements cost, and a product with the tangent.
-fn print_kernels(dynamics: &Dynamics, u: &[f64], n_tets: usize) {
-    let (body, comm) = (&dynamics.body, dynamics.comm.as_ref());
-    let mut deformation = Deformation::default();
-    body.deform(u, comm, &mut deformation);
-    let active = vec![ActivePoint { sa_kpa: [40.0; 8], slope_kpa: [20.0; 8] }; body.n_point_batches()];
-    let (mut force, mut x, mut y) = (vec![0.0; u.len()], u.to_vec(), vec![0.0; u.len()]);
-    let volumes = nanoseconds(n_tets, || body.deform(u, comm, &mut deformation));
-    let forces = nanoseconds(n_tets, || body.add_forces(u, &active, &deformation, &mut force));
-    let mut tangent = body.new_tangent();
-    let double = nanoseconds(n_tets, || body.tangent(u, &active, &deformation, &mut force, &mut tangent));
-    let product = nanoseconds(body.n_nodes(), || tangent.multiply(dynamics.space(), &mut x, &mut y));
-    println!(
-        "ns a tet: volumes {volumes:.0}, forces {forces:.0}, forces and tangent {double:.0}; product {product:.0} a node"
-    );
-    if let Some(mut packed) = body.new_packed_tangent() {
-        let single = nanoseconds(n_tets, || body.tangent(u, &active, &deformation, &mut force, &mut packed));
-        let product = nanoseconds(body.n_nodes(), || packed.multiply(dynamics.space(), &mut x, &mut y));
-        println!("single precision: forces and tangent {single:.0}; product {product:.0} a node");
-    }
 }
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -218,7 +183,6 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         work.krylov_iterations as f64 / work.newton_iterations.max(1) as f64,
         work.factorisations
     );
-    print_kernels(ventricle.dynamics(), &ventricle.displacement_mm(), mesh.n_tets());
     let (p, v) = (&traces.pressure_mmhg, &traces.volume_ml);
     let range = |x: &[f64]| x.iter().fold((f64::MAX, f64::MIN), |(l, h), x| (l.min(*x), h.max(*x)));
     let slopes: Vec<f64> = p.windows(3).map(|w| 1e3 * (w[2] - w[0]) / (2.0 * settings.step.0)).collect();

@@ -2,9 +2,15 @@
 
 mod cell;
 mod strategies;
+mod triad;
+mod ventricle;
 
 pub use cell::{CellTiming, cell};
 pub use strategies::{Case, Comparison, Row, cases, strategies};
+pub use triad::triad_gb_per_s;
+pub use ventricle::{
+    BeatBiomarkers, BenchError, Element, NsPerTet, SecondsPerPhase, VentricleBench, VentricleTiming, ventricle,
+};
 
 use std::time::{Duration, Instant};
 

@@ -35,6 +35,14 @@ impl PackedTangent {
         Self { pattern, blocks, bulk: vec![], arch: Arch::new() }
     }
 
+    /// Bytes that a product reads and writes, for `n_local` nodes.
+    #[must_use]
+    pub fn bytes_of_product(&self, n_local: usize) -> usize {
+        let entry = size_of::<PackedBlock>() + size_of::<u32>();
+        let passes = if self.bulk.is_empty() { 1 } else { 2 };
+        passes * self.blocks.len() * entry + n_local * (3 * 8) + self.pattern.n_rows() * (passes * 3 * 8 + 8 * passes)
+    }
+
     /// The blocks, for assembly.
     pub fn blocks_mut(&mut self) -> &mut [PackedBlock] {
         &mut self.blocks

@@ -11,6 +11,7 @@ use cardiotwin_models::ventricle::VentricleError;
 use super::anatomy::Anatomy;
 use super::contraction::{NodeAverage, PointContraction, SharedModel};
 use super::end_diastole::EndDiastole;
+use super::kernels::{Bench, Kernel};
 use super::wall::{WallError, WallParameters, displacement};
 use crate::body::{BodyError, Deformation};
 use crate::dynamics::{Candidate, Dynamics, State};
@@ -135,6 +136,10 @@ pub(super) enum Command {
     HandOut(Values),
     /// Find the cavity's volume.
     Volume,
+    /// Do a part of a step's work.
+    Run(Kernel),
+    /// Count the bytes of an iteration.
+    KrylovBytes,
 }
 
 impl Command {
@@ -150,6 +155,11 @@ impl Command {
             Self::Collect(values) => [6.0, number(values), 0.0, 0.0],
             Self::HandOut(values) => [7.0, number(values), 0.0, 0.0],
             Self::Volume => [8.0, 0.0, 0.0, 0.0],
+            Self::Run(kernel) => {
+                let [kernel, n] = kernel.encoded();
+                [9.0, kernel, n, 0.0]
+            }
+            Self::KrylovBytes => [10.0, 0.0, 0.0, 0.0],
         }
     }
 
@@ -163,6 +173,8 @@ impl Command {
             6 => Self::Collect(Values::ALL[a as usize]),
             7 => Self::HandOut(Values::ALL[a as usize]),
             8 => Self::Volume,
+            9 => Self::Run(Kernel::decoded([a, b])),
+            10 => Self::KrylovBytes,
             _ => Self::Stop,
         }
     }
@@ -181,6 +193,7 @@ pub(super) struct OrganRank {
     settings: StepSettings,
     solver: Solver,
     trial: Option<State>,
+    pub(super) bench: Option<Bench>,
 }
 
 impl OrganRank {
@@ -236,6 +249,7 @@ impl OrganRank {
             settings: setup.settings,
             solver: Solver::new(),
             trial: None,
+            bench: None,
             dynamics,
         })
     }
@@ -268,9 +282,10 @@ impl OrganRank {
                 Command::Forget => self.solver.forget(),
                 Command::Collect(values) => drop(self.collect(values)),
                 Command::HandOut(values) => self.take(values, vec![]),
-                Command::Volume => {
-                    let _ = self.volume_mm3();
-                }
+                // What these find out is rank 0's.
+                Command::Volume => _ = self.volume_mm3(),
+                Command::Run(kernel) => _ = self.run(kernel),
+                Command::KrylovBytes => _ = self.krylov_bytes(),
             }
         }
     }

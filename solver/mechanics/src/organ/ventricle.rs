@@ -14,6 +14,7 @@ use super::anatomy::Anatomy;
 use super::census::Census;
 use super::contraction::SharedModel;
 use super::end_diastole::EndDiastole;
+use super::kernels::Kernel;
 use super::rank::{Command, OrganRank, Setup, Share, Values, chain};
 use super::wall::WallParameters;
 use crate::dynamics::Dynamics;
@@ -298,6 +299,16 @@ impl FiniteElementVentricle {
     #[must_use]
     pub fn dynamics(&self) -> &Dynamics {
         &self.rank.dynamics
+    }
+
+    /// Does a part of a step's work on all ranks, for measurements; `false` for elements that have no such part.
+    pub fn run(&mut self, kernel: Kernel) -> bool {
+        self.do_with(Command::Run(kernel), |rank| rank.run(kernel)).is_some()
+    }
+
+    /// Bytes that an iteration of [`Kernel::Krylov`], which has run before, moves through memory.
+    pub fn krylov_bytes(&mut self) -> f64 {
+        self.do_with(Command::KrylovBytes, |rank| rank.krylov_bytes())
     }
 
     /// Nodes (vertices of the mesh) of the nodal traces.

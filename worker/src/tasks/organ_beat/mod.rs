@@ -232,7 +232,10 @@ fn organ_beat_result(spec: &OrganBeatSpec, result: &BeatResult) -> Result<OrganB
 }
 
 /// Biomarkers of simulated traces, resampled like measured ones; wrapped around only where periodic.
-fn simulated_biomarkers(traces: &BeatTraces, cycle_length_ms: Option<f64>) -> Result<BiomarkerSet, TaskError> {
+pub(crate) fn simulated_biomarkers(
+    traces: &BeatTraces,
+    cycle_length_ms: Option<f64>,
+) -> Result<BiomarkerSet, TaskError> {
     // The last sample of a periodic beat is the first of the next.
     let n = traces.time_ms.len() - usize::from(cycle_length_ms.is_some());
     let trace = |quantity, values: &[f64]| Trace::new(quantity, traces.time_ms[..n].to_vec(), values[..n].to_vec());

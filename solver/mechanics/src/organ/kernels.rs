@@ -1,0 +1,119 @@
+//! What a time step is made of, one at a time: for measurements.
+
+use super::rank::OrganRank;
+use crate::body::Deformation;
+use crate::dynamics::Candidate;
+use crate::element::BATCH;
+use crate::element::kernel::ActivePoint;
+use crate::linear::{BlockJacobi, KrylovSettings, PackedTangent, conjugate_gradients};
+use crate::time_integration::Motion;
+
+/// A part of the work of a time step.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Kernel {
+    /// Volume ratios, stretches and nodal pressures.
+    Deform,
+    /// Forces of the elements.
+    Forces,
+    /// Forces and stiffness of the elements, and its scatter.
+    Tangent,
+    /// So many iterations of conjugate gradients with block Jacobi, on the matrix of a step of 1 ms.
+    Krylov(u32),
+}
+
+impl Kernel {
+    pub(super) fn encoded(self) -> [f64; 2] {
+        match self {
+            Self::Deform => [0.0; 2],
+            Self::Forces => [1.0, 0.0],
+            Self::Tangent => [2.0, 0.0],
+            Self::Krylov(n) => [3.0, f64::from(n)],
+        }
+    }
+
+    pub(super) fn decoded([code, n]: [f64; 2]) -> Self {
+        match code as u32 {
+            0 => Self::Deform,
+            1 => Self::Forces,
+            2 => Self::Tangent,
+            _ => Self::Krylov(n as u32),
+        }
+    }
+}
+
+/// What kernels work on, made at the first one.
+#[derive(Debug)]
+pub(super) struct Bench {
+    candidate: Candidate,
+    force: Vec<f64>,
+    residual: Vec<f64>,
+    tangent: PackedTangent,
+    /// Whether the tangent is that of a step.
+    linearised: bool,
+}
+
+/// Step of the matrix \[ms\].
+const STEP_MS: f64 = 1.0;
+
+impl OrganRank {
+    /// Does a part of a step's work at the committed displacement, under an active stress; the ranks then wait for each other.
+    /// `None` for elements without a tangent in single precision. Collective.
+    pub fn run(&mut self, kernel: Kernel) -> Option<()> {
+        let mut bench = self.bench.take().map_or_else(|| self.new_bench(), Some)?;
+        let (body, comm) = (&self.dynamics.body, self.dynamics.comm.as_ref());
+        let Bench { candidate, force, residual, tangent, linearised } = &mut bench;
+        let Candidate { shifted, active, deformation, .. } = candidate;
+        match kernel {
+            Kernel::Deform => body.deform(shifted, comm, deformation),
+            Kernel::Forces => body.add_forces(shifted, active, deformation, force),
+            Kernel::Tangent => {
+                body.tangent(shifted, active, deformation, force, tangent);
+                *linearised = false;
+            }
+            Kernel::Krylov(n) => {
+                if !*linearised {
+                    self.dynamics.linearise(STEP_MS, &self.now, candidate, force, residual, tangent);
+                    *linearised = true;
+                }
+                let mut x = vec![0.0; force.len()];
+                let jacobi = BlockJacobi::new(tangent);
+                let settings =
+                    KrylovSettings { relative_tolerance: 0.0, max_iterations: n as usize, ..KrylovSettings::default() };
+                conjugate_gradients(self.dynamics.space(), tangent, &jacobi, &candidate.load, &mut x, &settings);
+            }
+        }
+        comm.sum(&mut [0.0]);
+        self.bench = Some(bench);
+        Some(())
+    }
+
+    fn new_bench(&self) -> Option<Bench> {
+        let u = self.now.motion.u.clone();
+        let n = u.len();
+        let mut candidate = Candidate {
+            motion: Motion { u, ..Motion::default() },
+            pressure_kpa: self.now.pressure_kpa,
+            active: vec![
+                ActivePoint { sa_kpa: [40.0; BATCH], slope_kpa: [20.0; BATCH] };
+                self.dynamics.body.n_point_batches()
+            ],
+            deformation: Deformation::default(),
+            ..Candidate::default()
+        };
+        let tangent = self.dynamics.body.new_packed_tangent()?;
+        self.dynamics.complete(STEP_MS, &self.now, &mut candidate);
+        Some(Bench { candidate, force: vec![0.0; n], residual: vec![0.0; n], tangent, linearised: false })
+    }
+
+    /// Bytes that an iteration of conjugate gradients moves through memory, of all ranks, where caches keep nothing from one
+    /// pass to the next. Collective.
+    pub fn krylov_bytes(&self) -> f64 {
+        let per_product =
+            self.bench.as_ref().map_or(0, |bench| bench.tangent.bytes_of_product(self.part.layout.n_local));
+        // Directions, solution, residual and its preconditioned: read and written as the loops do, with the blocks' inverses.
+        let per_node = 3 * 8 * (3 + 2 + 6 + 2 + 2) + 9 * 8;
+        let mut bytes = [(per_product + per_node * self.part.layout.n_owned) as f64];
+        self.dynamics.comm.sum(&mut bytes);
+        bytes[0]
+    }
+}

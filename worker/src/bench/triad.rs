@@ -1,0 +1,47 @@
+//! What memory gives on so many threads: `a = b + s·c` on arrays that no cache holds (McCalpin's triad).
+
+use std::hint::black_box;
+use std::sync::Barrier;
+use std::time::Instant;
+
+/// Numbers of each array of all threads together: 128 MB.
+const N: usize = 1 << 24;
+/// Passes, of which the best counts.
+const PASSES: usize = 8;
+
+/// GB/s, counting 24 bytes a number (what the caches fetch before they overwrite it left out).
+#[must_use]
+pub fn triad_gb_per_s(threads: usize) -> f64 {
+    let barrier = Barrier::new(threads);
+    let n = N / threads.max(1);
+    let on_thread = || {
+        let (mut a, b, c) = (vec![0.0; n], vec![1.0; n], vec![2.0; n]);
+        let mut best = f64::INFINITY;
+        for pass in 0..PASSES {
+            barrier.wait();
+            let begun = Instant::now();
+            let s = black_box(pass as f64);
+            for ((a, b), c) in a.iter_mut().zip(&b).zip(&c) {
+                *a = b + s * c;
+            }
+            black_box(&mut a);
+            barrier.wait();
+            best = best.min(begun.elapsed().as_secs_f64());
+        }
+        best
+    };
+    let seconds = std::thread::scope(|scope| {
+        let others: Vec<_> = (1..threads).map(|_| scope.spawn(on_thread)).collect();
+        let own = on_thread();
+        others.into_iter().filter_map(|other| other.join().ok()).fold(own, f64::max)
+    });
+    1e-9 * 24.0 * (n * threads.max(1)) as f64 / seconds
+}
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn memory_gives_something() {
+        assert!(super::triad_gb_per_s(2) > 0.1);
+    }
+}
