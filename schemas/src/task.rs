@@ -73,8 +73,8 @@ impl TaskSpec {
     pub fn model_version(&self) -> u32 {
         match self {
             Self::CellFit(_) => 3,
-            Self::Discover(_) => 3,
-            Self::PassiveState(_) | Self::OrganBeat(_) | Self::Step1Proposal(_) => 2,
+            Self::Discover(_) | Self::PassiveState(_) => 3,
+            Self::OrganBeat(_) | Self::Step1Proposal(_) => 2,
             Self::Targets(_) | Self::CellSweep(_) | Self::Noop(_) => 1,
         }
     }

@@ -1,6 +1,6 @@
 //! Step 0 and one beat of a generated ventricle, with its cost: `cargo run --release -p cardiotwin-mechanics --example
-//! organ-beat -- [nodes=2000] [c=0.8] [element=linear|pointwise|quadratic] [linear=jacobi|sweep|direct] [tolerance=1e-4] [step=1]
-//! [end=659]`. With a stiffness `c` \[kPa\] step 0 only inflates, from the image taken for unloaded. What a beat is made of:
+//! organ-beat -- [nodes=2000] [c=0.8] [element=linear|pointwise|quadratic] [linear=jacobi|sweep|direct] [static=direct|multigrid]
+//! [tolerance=1e-4] [step=1] [end=659]`. With a stiffness `c` \[kPa\] step 0 only inflates, from the image taken for unloaded. What a beat is made of:
 //! `cardiotwin-worker bench beat --nodes N`.
 
 use std::time::Instant;
@@ -8,8 +8,8 @@ use std::time::Instant;
 use cardiotwin_mechanics::newton::LinearSolver;
 use cardiotwin_mechanics::organ::passive_fit::fit;
 use cardiotwin_mechanics::organ::{
-    Anatomy, ElementKind, FiniteElementVentricle, PassiveFit, PassiveState, UnloadingSettings, VentricleParts,
-    WallParameters,
+    Anatomy, ElementKind, FiniteElementVentricle, Fitted, PassiveFit, PassiveState, Search, UnloadingSettings,
+    VentricleParts, WallParameters,
 };
 use cardiotwin_mechanics::step::StepSettings;
 use cardiotwin_mesh::eikonal::{Conduction, ENDOCARDIAL_SPEED, Speeds, activation_ms};
@@ -76,44 +76,22 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         // Klotz 2006.
         unloaded_volume_mm3: 1e3 * edv * (0.6 - 0.006 * edp),
     };
-    if std::env::args().any(|a| a == "probe") {
-        let settings = UnloadingSettings::default();
-        let wall = WallParameters::default();
-        let mut state = PassiveState::unloaded_image(&anatomy, &wall)?;
-        let mut shown = 0;
-        for p in [0.2, 0.4, 0.6, 0.8] {
-            let result = state.inflate(p, &settings);
-            println!(
-                "inflated to {p} kPa: {result:?}, {:.2} mL, {} Newton iterations, {:.2} s",
-                1e-3 * state.volume_mm3(),
-                state.newton_iterations - shown,
-                begun.elapsed().as_secs_f64()
-            );
-            shown = state.newton_iterations;
-        }
-        let result = state.unload(&anatomy, &wall, 0.8, &settings);
-        println!(
-            "unloaded: {result:?}, {:.2} mL, {} Newton iterations, {} passes, {:.2} s",
-            1e-3 * state.unloaded_volume_mm3(),
-            state.newton_iterations - shown,
-            state.passes,
-            begun.elapsed().as_secs_f64()
-        );
-        return Ok(());
+    let mut settings = UnloadingSettings::for_anatomy(&anatomy);
+    match argument("static", String::new()).as_str() {
+        "direct" => settings.newton.linear = LinearSolver::Direct,
+        "multigrid" => settings.newton.linear = LinearSolver::Multigrid,
+        _ => {}
     }
-    let (end_diastole, wall) = match argument("c", 0.0) {
+    let mut search = Search::new(settings);
+    let Fitted { state: end_diastole, wall, .. } = match argument("c", 0.0) {
         c if c > 0.0 => {
             let mut wall = WallParameters::default();
             wall.muscle.c_kpa = c;
             let mut state = PassiveState::unloaded_image(&anatomy, &wall)?;
-            let mut settings = UnloadingSettings::default();
-            if std::env::args().any(|a| a == "iterative") {
-                settings.newton.linear = LinearSolver::BlockJacobi;
-            }
-            state.inflate(edp / MMHG_PER_KPA, &settings)?;
-            (state, wall)
+            state.inflate(edp / MMHG_PER_KPA, &mut search)?;
+            Fitted { state, wall, slope: None }
         }
-        _ => fit(&anatomy, &WallParameters::default(), &target, &UnloadingSettings::default())?,
+        _ => fit(&anatomy, &WallParameters::default(), &target, None, &mut search)?,
     };
     println!(
         "step 0: C {:.4} kPa, b_f {:.3}, unloaded {:.2} mL, end-diastole {:.2} mL; {} Newton iterations, {} passes, {:.1} s, {:.1} s of processor time",

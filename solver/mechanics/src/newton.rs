@@ -2,8 +2,8 @@
 //! against every rise of the residual.
 
 use crate::linear::{
-    Assembled as _, BlockJacobi, Direct, DirectError, KrylovEnding, KrylovReport, KrylovSettings, Preconditioner,
-    SymmetricSweep, Tangent, conjugate_gradients, gmres,
+    Assembled as _, BlockJacobi, Direct, DirectError, KrylovEnding, KrylovReport, KrylovSettings, Multigrid,
+    Preconditioner, SymmetricSweep, Tangent, conjugate_gradients, gmres,
 };
 use crate::parallel::Space;
 
@@ -16,6 +16,8 @@ pub enum LinearSolver {
     BlockJacobi,
     /// The same with a symmetric sweep.
     SymmetricSweep,
+    /// The same with algebraic multigrid, for linear elements; [`Self::Direct`] for others.
+    Multigrid,
 }
 
 /// Settings of Newton's method.
@@ -249,6 +251,7 @@ fn solve_linear(
         }
         LinearSolver::BlockJacobi => with(&BlockJacobi::new(tangent), step),
         LinearSolver::SymmetricSweep => with(&SymmetricSweep::new(tangent), step),
+        LinearSolver::Multigrid => with(&Multigrid::new(tangent, system.reference()), step),
     };
     // A step a little off costs an iteration of Newton; one that is not a solution at all costs the solve.
     if report.relative_residual.is_finite() && report.relative_residual < 0.1 {

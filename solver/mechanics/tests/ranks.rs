@@ -3,7 +3,7 @@
 mod support;
 
 use cardiotwin_mechanics::organ::{
-    Anatomy, ElementKind, EndDiastole, FiniteElementVentricle, PassiveState, UnloadingSettings, VentricleParts,
+    Anatomy, ElementKind, EndDiastole, FiniteElementVentricle, PassiveState, Search, UnloadingSettings, VentricleParts,
     WallParameters,
 };
 use cardiotwin_mechanics::parallel::ThreadSettings;
@@ -29,7 +29,7 @@ fn subject(kind: ElementKind) -> Subject {
     let mut wall = WallParameters::default();
     wall.muscle.c_kpa = 0.8;
     let mut state = PassiveState::unloaded_image(&anatomy, &wall).expect("a wall");
-    state.inflate(1.2, &UnloadingSettings::default()).expect("inflates");
+    state.inflate(1.2, &mut Search::new(UnloadingSettings::default())).expect("inflates");
     Subject { anatomy, times, wall, end_diastole: state.into() }
 }
 

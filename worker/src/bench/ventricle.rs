@@ -4,10 +4,9 @@ use std::fmt;
 use std::ops::ControlFlow;
 use std::time::Instant;
 
-use cardiotwin_mechanics::newton::LinearSolver;
 use cardiotwin_mechanics::organ::{
-    Anatomy, ElementKind, EndDiastole, FiniteElementVentricle, Kernel, PassiveState, UnloadingSettings, VentricleParts,
-    WallParameters,
+    Anatomy, ElementKind, EndDiastole, FiniteElementVentricle, Kernel, PassiveState, Search, UnloadingSettings,
+    VentricleParts, WallParameters,
 };
 use cardiotwin_mechanics::parallel::ThreadSettings;
 use cardiotwin_mechanics::step::StepSettings;
@@ -35,8 +34,6 @@ const WALL_ML: f64 = 140.0;
 /// Stiffness C \[kPa\] and pressure of the inflation: step 0 does no more here.
 const STIFFNESS_KPA: f64 = 0.8;
 const END_DIASTOLIC_MMHG: f64 = 9.0;
-/// From so many nodes on the inflation takes an iterative solver: a factorisation fills in.
-const LARGE: usize = 20_000;
 /// Iterations of the Krylov method in a measurement.
 const KRYLOV_ITERATIONS: u32 = 20;
 
@@ -219,12 +216,9 @@ fn circulation(cycle_length: Ms) -> Result<Circulation, BenchError> {
 
 /// End-diastole of the image taken for unloaded.
 fn inflated(anatomy: &Anatomy, wall: &WallParameters) -> Result<EndDiastole, BenchError> {
-    let mut settings = UnloadingSettings::default();
-    if anatomy.nodes.len() >= LARGE {
-        settings.newton.linear = LinearSolver::BlockJacobi;
-    }
+    let mut search = Search::new(UnloadingSettings::for_anatomy(anatomy));
     let mut state = PassiveState::unloaded_image(anatomy, wall).map_err(failed("no wall"))?;
-    state.inflate(END_DIASTOLIC_MMHG / MMHG_PER_KPA, &settings).map_err(failed("no end-diastole"))?;
+    state.inflate(END_DIASTOLIC_MMHG / MMHG_PER_KPA, &mut search).map_err(failed("no end-diastole"))?;
     Ok(state.into())
 }
 

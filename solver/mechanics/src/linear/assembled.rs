@@ -29,6 +29,13 @@ pub trait Assembled: Operator {
     /// Sets all entries to zero, and the vertices' bulk stiffness \[kPa/mm³\], one a vertex.
     fn clear(&mut self, bulk: &[f64]);
 
+    /// A block of the stiffness alone, row-major.
+    fn stiffness_block(&self, slot: usize) -> [[f32; 3]; 3];
+
+    /// `Gᵀ x`, the change of the vertices' volumes \[mm³\], ghosts up to date; empty without nodal volume change. Brings
+    /// ghosts of `x` up to date first. Collective.
+    fn vertex_volumes(&self, space: Space<'_>, x: &mut [f64]) -> Vec<f64>;
+
     /// For the elements' stiffness.
     fn sink(&mut self) -> Sink<'_>;
 

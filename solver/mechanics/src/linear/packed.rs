@@ -145,6 +145,23 @@ impl Assembled for PackedTangent {
         self.bulk.extend_from_slice(bulk);
     }
 
+    fn vertex_volumes(&self, space: Space<'_>, x: &mut [f64]) -> Vec<f64> {
+        if self.bulk.is_empty() {
+            return vec![];
+        }
+        space.update(x);
+        let n = self.pattern.n_rows();
+        let (mut p, mut y) = (vec![0.0; n.max(self.bulk.len())], vec![[0.0; 3]; n]);
+        self.arch.dispatch(Rows(self, x.as_chunks::<3>().0, &mut y, &mut p[..n]));
+        space.comm.update_ghosts(space.layout, 1, &mut p);
+        p
+    }
+
+    fn stiffness_block(&self, slot: usize) -> [[f32; 3]; 3] {
+        let PackedBlock(b) = &self.blocks[slot];
+        std::array::from_fn(|i| std::array::from_fn(|j| b[j][i]))
+    }
+
     fn sink(&mut self) -> Sink<'_> {
         Sink::Packed(self)
     }

@@ -63,6 +63,23 @@ impl Assembled for Tangent {
         self.bulk.copy_from_slice(bulk);
     }
 
+    fn vertex_volumes(&self, space: Space<'_>, x: &mut [f64]) -> Vec<f64> {
+        space.update(x);
+        let mut p = vec![0.0; self.bulk.len()];
+        if let Some(coupling) = &self.coupling {
+            coupling.multiply_transposed(x, &mut p);
+            if p.len() == space.layout.n_local {
+                space.comm.update_ghosts(space.layout, 1, &mut p);
+            }
+        }
+        p
+    }
+
+    fn stiffness_block(&self, slot: usize) -> [[f32; 3]; 3] {
+        let b = &self.stiffness.blocks[slot];
+        std::array::from_fn(|i| std::array::from_fn(|j| b[3 * i + j] as f32))
+    }
+
     fn sink(&mut self) -> Sink<'_> {
         Sink::Full(self)
     }

@@ -95,6 +95,34 @@ fn every_solver_finds_the_same_solution() {
 }
 
 #[test]
+fn multigrid_needs_few_iterations_whatever_the_size() {
+    let mut counts = vec![];
+    for n in [8, 16] {
+        let (mut a, points) = lattice(n, 1e-3, 0.0);
+        a.bulk.fill(0.2);
+        let layout = Layout::whole(n * n * n);
+        let space = Space { comm: &SingleProcess, layout: &layout };
+        let b = right_hand_side(3 * n * n * n);
+        let settings = KrylovSettings { relative_tolerance: 1e-6, ..KrylovSettings::default() };
+        let multigrid = Multigrid::new(&a, &points);
+        assert!(multigrid.sizes()[1] < 3 * n * n * n, "{:?}", multigrid.sizes());
+        let jacobi = BlockJacobi::new(&a);
+        let of = |m: &dyn Preconditioner| {
+            let mut x = vec![0.0; b.len()];
+            let report = conjugate_gradients(space, &a, m, &b, &mut x, &settings);
+            assert_eq!(report.ending, KrylovEnding::Converged, "{report:?}");
+            let mut r = vec![0.0; b.len()];
+            a.multiply(space, &mut x, &mut r);
+            r.iter_mut().zip(&b).for_each(|(r, b)| *r -= b);
+            assert!(space.norm(&r) < 2e-6 * space.norm(&b));
+            report.iterations
+        };
+        counts.push([of(&multigrid), of(&jacobi)]);
+    }
+    assert!(counts[1][0] <= counts[0][0] + 8 && 3 * counts[1][0] < counts[1][1], "{counts:?}");
+}
+
+#[test]
 fn an_indefinite_matrix_stops_conjugate_gradients_but_not_minres_and_gmres() {
     let (a, points) = lattice(5, -0.35, 0.0);
     let layout = Layout::whole(125);

@@ -8,6 +8,7 @@ mod kernels;
 pub mod passive_fit;
 pub mod passive_state;
 mod rank;
+mod search;
 mod ventricle;
 pub mod wall;
 
@@ -16,6 +17,7 @@ pub use contraction::PointContraction;
 pub use end_diastole::EndDiastole;
 pub use kernels::Kernel;
 pub use passive_fit::PassiveFit;
-pub use passive_state::{PassiveState, PassiveStateError, UnloadingSettings};
+pub use passive_state::{PassiveState, PassiveStateError};
+pub use search::{Fitted, Search, SearchProgress, Slope, UnloadingSettings, Watch};
 pub use ventricle::{FiniteElementVentricle, VentricleParts, VentricleWork};
 pub use wall::{WallError, WallParameters};

@@ -1,7 +1,8 @@
 //! Step 0: the passive law that makes image, end-diastole and unloaded volume fit what was measured.
 
 use super::anatomy::Anatomy;
-use super::passive_state::{PassiveState, PassiveStateError, UnloadingSettings};
+use super::passive_state::{PassiveState, PassiveStateError};
+use super::search::{Fitted, Search, Slope};
 use super::wall::WallParameters;
 
 /// What the law is fitted to.
@@ -42,31 +43,34 @@ const UNLOADED_TOLERANCE: f64 = 0.01;
 /// Most unloadings of a fit.
 const MOST_TRIALS: usize = 40;
 
-/// Fits law and unloaded geometry, and ends in end-diastole. `wall.muscle` is where the search starts.
+/// Fits law and unloaded geometry, and ends in end-diastole. `wall.muscle` is where the search starts, with `slope` where it
+/// is known from another mesh.
 ///
 /// # Errors
-/// [`PassiveStateError`] when an inflation or unloading fails, no stiffness between 1/30 and 30 times the start fits, or no
-/// law meets the three points.
+/// [`PassiveStateError`] when an inflation or unloading fails, no stiffness between 1/30 and 30 times the start fits, no
+/// law meets the three points, or who watches asks for an end.
 pub fn fit(
     anatomy: &Anatomy,
     wall: &WallParameters,
     target: &PassiveFit,
-    settings: &UnloadingSettings,
-) -> Result<(PassiveState, WallParameters), PassiveStateError> {
+    slope: Option<Slope>,
+    search: &mut Search<'_>,
+) -> Result<Fitted, PassiveStateError> {
+    let mut state = PassiveState::unloaded_image(anatomy, wall)?;
+    let tolerance = search.settings.volume_tolerance;
     match *target {
         PassiveFit::Given { image_pressure_kpa, end_diastolic_pressure_kpa } => {
-            let mut state = PassiveState::unloaded_image(anatomy, wall)?;
-            state.unload(anatomy, wall, image_pressure_kpa, settings)?;
-            state.inflate(end_diastolic_pressure_kpa, settings)?;
-            Ok((state, wall.clone()))
+            state.unload(anatomy, wall, image_pressure_kpa, search)?;
+            state.inflate(end_diastolic_pressure_kpa, search)?;
+            Ok(Fitted { state, wall: wall.clone(), slope: None })
         }
         PassiveFit::Unloaded { end_diastolic_pressure_kpa, unloaded_volume_mm3 } => {
-            let mut state = PassiveState::unloaded_image(anatomy, wall)?;
-            let fitted = fit_stiffness(wall, unloaded_volume_mm3, true, settings.volume_tolerance, |wall| {
-                state.unload(anatomy, wall, end_diastolic_pressure_kpa, settings)?;
+            let wall = fit_stiffness(wall, unloaded_volume_mm3, true, tolerance, |wall| {
+                search.trials += 1;
+                state.unload(anatomy, wall, end_diastolic_pressure_kpa, search)?;
                 Ok(state.unloaded_volume_mm3())
             })?;
-            Ok((state, fitted))
+            Ok(Fitted { state, wall, slope: None })
         }
         PassiveFit::ThreePoints {
             image_pressure_kpa,
@@ -75,18 +79,20 @@ pub fn fit(
             unloaded_volume_mm3,
         } => {
             let wanted = [end_diastolic_volume_mm3, unloaded_volume_mm3];
-            let mut state = PassiveState::unloaded_image(anatomy, wall)?;
-            let fitted = fit_law(wall, wanted, settings.volume_tolerance, |wall| {
+            let mut expected: Option<Vec<f64>> = None;
+            let (wall, slope) = fit_law(wall, wanted, tolerance, slope, |wall| {
+                search.trials += 1;
                 // From the last geometry that was found, which a law that finds none leaves alone.
                 let mut next =
                     PassiveState::at(anatomy, wall, state.unloaded(), state.anchor().to_vec())?.after(&mut state);
-                next.unload(anatomy, wall, image_pressure_kpa, settings)?;
-                next.inflate(end_diastolic_pressure_kpa, settings)?;
+                next.unload(anatomy, wall, image_pressure_kpa, search)?;
+                next.inflate_towards(end_diastolic_pressure_kpa, expected.as_deref(), search)?;
+                expected = Some(next.positions());
                 let found = [next.volume_mm3(), next.unloaded_volume_mm3()];
                 state = next;
                 Ok(found)
             })?;
-            Ok((state, fitted))
+            Ok(Fitted { state, wall, slope })
         }
     }
 }
@@ -97,11 +103,11 @@ pub fn fit(
 /// [`PassiveStateError`] when an inflation fails or no stiffness fits.
 pub fn stiffened(
     anatomy: &Anatomy,
-    wall: &WallParameters,
-    before: &PassiveState,
+    before: &Fitted,
     factor: f64,
-    settings: &UnloadingSettings,
-) -> Result<(PassiveState, WallParameters), PassiveStateError> {
+    search: &mut Search<'_>,
+) -> Result<Fitted, PassiveStateError> {
+    let Fitted { state: before, wall, .. } = before;
     let (wanted, pressure_kpa) = (before.volume_mm3(), before.pressure_kpa);
     let mut start = wall.clone();
     for exponent in [&mut start.muscle.b_f, &mut start.muscle.b_t, &mut start.muscle.b_fs] {
@@ -113,23 +119,26 @@ pub fn stiffened(
         |wall: &WallParameters| PassiveState::at(anatomy, wall, before.unloaded(), before.anchor().to_vec());
     let mut state = from_unloaded(&start)?;
     (state.newton_iterations, state.passes) = (before.newton_iterations, before.passes);
-    let fitted = fit_stiffness(&start, wanted, false, settings.volume_tolerance, |wall| {
+    let expected = before.positions();
+    let wall = fit_stiffness(&start, wanted, false, search.settings.volume_tolerance, |wall| {
+        search.trials += 1;
         let mut next = from_unloaded(wall)?.after(&mut state);
-        next.inflate(pressure_kpa, settings)?;
+        next.inflate_towards(pressure_kpa, Some(&expected), search)?;
         state = next;
         Ok(state.volume_mm3())
     })?;
-    Ok((state, fitted))
+    Ok(Fitted { state, wall, slope: None })
 }
 
 /// Stiffness and factor of the exponents for which end-diastolic and unloaded volume are `wanted`: Broyden's method in the
-/// logarithms, from differences at the start; steps that fail or lead away are halved.
+/// logarithms, from `slope` or differences at the start; steps that fail or lead away are halved.
 fn fit_law(
     start: &WallParameters,
     wanted: [f64; 2],
     tolerance: f64,
+    mut slope: Option<Slope>,
     mut volumes_mm3: impl FnMut(&WallParameters) -> Result<[f64; 2], PassiveStateError>,
-) -> Result<WallParameters, PassiveStateError> {
+) -> Result<(WallParameters, Option<Slope>), PassiveStateError> {
     const PROBE: f64 = 0.15;
     const FARTHEST: [f64; 2] = [4.0, 2.5];
     const LONGEST: f64 = 0.7;
@@ -153,15 +162,15 @@ fn fit_law(
         trials += 1;
         match misses(x) {
             Ok(f) => break f,
+            Err(error) if error == PassiveStateError::Stopped => return Err(error),
             Err(_) if x[0] + 0.7 < FARTHEST[0] => x[0] += 0.7,
             Err(error) => return Err(error),
         }
     };
-    let mut slope: Option<[[f64; 2]; 2]> = None;
     let mut shorter = 1.0;
     while trials < MOST_TRIALS {
         if met(f) {
-            return Ok(law(x));
+            return Ok((law(x), slope));
         }
         let j = match slope {
             Some(j) => j,
@@ -173,6 +182,7 @@ fn fit_law(
                     trials += 1;
                     let (step, g) = match misses(probe) {
                         Ok(g) => (PROBE, g),
+                        Err(error) if error == PassiveStateError::Stopped => return Err(error),
                         Err(_) => {
                             probe[k] = x[k] - PROBE;
                             trials += 1;
@@ -211,6 +221,7 @@ fn fit_law(
                     shorter *= 0.5;
                 }
             }
+            Err(error) if error == PassiveStateError::Stopped => return Err(error),
             Err(_) => shorter *= 0.5,
         }
         if shorter < 0.05 {
@@ -244,6 +255,7 @@ fn fit_stiffness(
         fitted.muscle.c_kpa = ln_c.exp();
         let volume = match (volume_mm3(&fitted), last) {
             (Ok(found), _) => found,
+            (Err(error), _) if error == PassiveStateError::Stopped => return Err(error),
             // Too far in one go, or beyond what holds the load at all: half the way, as long as that is a way.
             (Err(_), Some(last)) if (ln_c - last).abs() > 0.02 => {
                 ln_c = 0.5 * (ln_c + last);

@@ -5,56 +5,14 @@
 //! where the last one ended, and needs no load steps.
 
 use super::anatomy::Anatomy;
+use super::search::Search;
 use super::wall::{WallError, WallParameters, displacement};
 use crate::dynamics::{Candidate, Dynamics, State};
-use crate::newton::LinearSolver;
 use crate::step::{Closure, Passive, Solver, StepError, StepSettings, step};
 use crate::time_integration::Motion;
 
 /// A step so long that inertia and damping vanish \[ms\].
 const FOREVER_MS: f64 = 1e7;
-
-/// Settings of the search for an unloaded geometry.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct UnloadingSettings {
-    /// Volume error over the image's volume at which it has converged.
-    pub volume_tolerance: f64,
-    /// Largest distance of a node from its place in the image at which it has converged \[mm\].
-    pub distance_tolerance_mm: f64,
-    /// Most passes.
-    pub max_passes: usize,
-    /// First step of the first inflation, a share of the pressure.
-    pub first_load: f64,
-    /// Smallest step of an inflation.
-    pub smallest_load: f64,
-    /// Newton.
-    pub newton: StepSettings,
-}
-
-impl Default for UnloadingSettings {
-    fn default() -> Self {
-        let newton = StepSettings {
-            linear: LinearSolver::Direct,
-            // Places nodes to a thousandth of the tolerance below. Newton's method is linear in the unsymmetric part of the
-            // pressure's tangent, which counts in a small soft heart: more iterations.
-            relative_tolerance: 1e-5,
-            least_pressure_kpa: 0.05,
-            max_iterations: 40,
-            farthest_mm: 1.0,
-            // A factorisation costs as much as a hundred solves with it.
-            keep_until: 25,
-            ..StepSettings::default()
-        };
-        Self {
-            volume_tolerance: 1e-3,
-            distance_tolerance_mm: 0.02,
-            max_passes: 25,
-            first_load: 0.25,
-            smallest_load: 0.02,
-            newton,
-        }
-    }
-}
 
 /// Why there is no passive state.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -62,6 +20,9 @@ pub enum PassiveStateError {
     /// Wall or surfaces.
     #[error("wall")]
     Wall(#[from] WallError),
+    /// Whoever watches asked for an end.
+    #[error("stopped")]
+    Stopped,
     /// No inflation to the wanted pressure.
     #[error("no equilibrium beyond {reached_kpa:.4} of {wanted_kpa:.4} kPa")]
     Inflation {
@@ -239,7 +200,8 @@ impl PassiveState {
     ///
     /// # Errors
     /// [`PassiveStateError::Inflation`]; the state then is the last equilibrium.
-    pub fn inflate(&mut self, pressure_kpa: f64, settings: &UnloadingSettings) -> Result<(), PassiveStateError> {
+    pub fn inflate(&mut self, pressure_kpa: f64, search: &mut Search<'_>) -> Result<(), PassiveStateError> {
+        let settings = search.settings;
         let (start, wanted) = (self.pressure_kpa, pressure_kpa);
         let mut reached = 0.0;
         let mut load = settings.first_load;
@@ -252,6 +214,7 @@ impl PassiveState {
                 Some((ratio, last)) => self.u.iter().zip(last).map(|(u, b)| u + ratio * (u - b)).collect(),
                 None => self.u.clone(),
             };
+            search.go_on(self, p)?;
             let here = self.u.clone();
             match self.settle(guess, p, &settings.newton) {
                 Ok(()) => {
@@ -272,6 +235,33 @@ impl PassiveState {
         Ok(())
     }
 
+    /// Inflates to `pressure_kpa` at once from where nodes are expected there, step by step where that fails.
+    ///
+    /// - `expected`: three coordinates a node \[mm\]
+    ///
+    /// # Errors
+    /// [`PassiveStateError::Inflation`]; the state then is the last equilibrium.
+    pub(super) fn inflate_towards(
+        &mut self,
+        pressure_kpa: f64,
+        expected: Option<&[f64]>,
+        search: &mut Search<'_>,
+    ) -> Result<(), PassiveStateError> {
+        if let Some(expected) = expected {
+            search.go_on(self, pressure_kpa)?;
+            let guess = expected.iter().zip(self.dynamics.body.reference()).map(|(x, r)| x - r).collect();
+            if self.settle(guess, pressure_kpa, &search.settings.newton).is_ok() {
+                return Ok(());
+            }
+        }
+        self.inflate(pressure_kpa, search)
+    }
+
+    /// Where nodes are now \[mm\], three numbers each.
+    pub(super) fn positions(&self) -> Vec<f64> {
+        self.dynamics.body.reference().iter().zip(&self.u).map(|(x, u)| x + u).collect()
+    }
+
     /// Finds the unloaded geometry that `pressure_kpa` inflates to the image, and ends in equilibrium there: from a geometry
     /// that was found before, else from the image under a pressure that grows, in steps that are halved on failure.
     ///
@@ -282,17 +272,21 @@ impl PassiveState {
         anatomy: &Anatomy,
         wall: &WallParameters,
         pressure_kpa: f64,
-        settings: &UnloadingSettings,
+        search: &mut Search<'_>,
     ) -> Result<(), PassiveStateError> {
         if self.passes > 0 {
             let mut again = Self::at(anatomy, wall, self.unloaded(), self.anchor.clone())?.after(self);
-            if again.meet_image(anatomy, wall, pressure_kpa, true, settings).is_ok() {
-                *self = again;
-                return Ok(());
+            match again.meet_image(anatomy, wall, pressure_kpa, true, search) {
+                Ok(()) => {
+                    *self = again;
+                    return Ok(());
+                }
+                Err(PassiveStateError::Stopped) => return Err(PassiveStateError::Stopped),
+                Err(_) => {}
             }
         }
         *self = Self::unloaded_image(anatomy, wall)?.after(self);
-        let (mut reached, mut load) = (0.0, settings.first_load);
+        let (mut reached, mut load) = (0.0, search.settings.first_load);
         let mut before: Option<(f64, Vec<[f64; 3]>)> = None;
         while reached < 1.0 {
             let target = if reached + load > 1.0 - 1e-9 { 1.0 } else { reached + load };
@@ -305,7 +299,7 @@ impl PassiveState {
             }
             let attempt = Self::at(anatomy, wall, &start, self.anchor.clone()).and_then(|next| {
                 let mut next = next.after(self);
-                next.meet_image(anatomy, wall, target * pressure_kpa, target == 1.0, settings)?;
+                next.meet_image(anatomy, wall, target * pressure_kpa, target == 1.0, search)?;
                 Ok(next)
             });
             match attempt {
@@ -318,7 +312,7 @@ impl PassiveState {
                 Err(error) => {
                     load = 0.5 * (target - reached);
                     before = None;
-                    if load < settings.smallest_load {
+                    if load < search.settings.smallest_load || error == PassiveStateError::Stopped {
                         return Err(error);
                     }
                 }
@@ -334,12 +328,15 @@ impl PassiveState {
         wall: &WallParameters,
         pressure_kpa: f64,
         tight: bool,
-        settings: &UnloadingSettings,
+        search: &mut Search<'_>,
     ) -> Result<(), PassiveStateError> {
+        let settings = search.settings;
         let flat_image = anatomy.nodes.as_flattened();
         let image_volume = self.dynamics.cavity_volume(&displacement(&anatomy.nodes, self.unloaded()));
         let mut last_mm = f64::INFINITY;
+        let mut mixing = Mixing::default();
         for pass in 1.. {
+            search.go_on(self, pressure_kpa)?;
             let guess = displacement(&anatomy.nodes, self.unloaded());
             self.settle(guess, pressure_kpa, &settings.newton).map_err(|source| PassiveStateError::Inflation {
                 reached_kpa: 0.0,
@@ -360,13 +357,43 @@ impl PassiveState {
                 return Err(PassiveStateError::NotUnloaded { passes: pass, volume_error, distance_mm });
             }
             last_mm = distance_mm;
-            let moved: Vec<f64> = self.dynamics.body.reference().iter().zip(&miss).map(|(x, m)| x - m).collect();
-            let anchor = self.anchor.iter().zip(&miss).map(|(a, m)| a - m).collect();
+            let change = mixing.change(&miss);
+            let moved: Vec<f64> = self.dynamics.body.reference().iter().zip(&change).map(|(x, c)| x + c).collect();
+            let anchor = self.anchor.iter().zip(&change).map(|(a, c)| a + c).collect();
             *self = Self::at(anatomy, wall, moved.as_chunks::<3>().0, anchor)?.after(self);
             if !tight {
                 return Ok(());
             }
         }
         Ok(())
+    }
+}
+
+/// Anderson's mixing of depth one for the fixed point "no miss": from the second pass on, what the last change did to the miss
+/// tells how far to go.
+#[derive(Debug, Default)]
+struct Mixing {
+    /// Last miss, and the change that followed it.
+    last: Option<(Vec<f64>, Vec<f64>)>,
+}
+
+impl Mixing {
+    /// The change of the unloaded nodes that follows a miss \[mm\].
+    fn change(&mut self, miss: &[f64]) -> Vec<f64> {
+        let mut change: Vec<f64> = miss.iter().map(|m| -m).collect();
+        if let Some((before, moved)) = &self.last {
+            let (mut along, mut square) = (0.0, 0.0);
+            for (m, b) in miss.iter().zip(before) {
+                along += m * (m - b);
+                square += (m - b) * (m - b);
+            }
+            // Between none and twice the last change: beyond, it is no contraction that could be extrapolated.
+            let share = if square > 0.0 { (along / square).clamp(-2.0, 1.0) } else { 0.0 };
+            for ((c, moved), (m, b)) in change.iter_mut().zip(moved).zip(miss.iter().zip(before)) {
+                *c -= share * (moved - (m - b));
+            }
+        }
+        self.last = Some((miss.to_vec(), change.clone()));
+        change
     }
 }

@@ -3,10 +3,14 @@
 //! Artefact: `ventricle.bin` (`ventricle`), see [`crate::finite_element::stored`].
 
 use std::collections::BTreeMap;
+use std::ops::ControlFlow;
 use std::time::Instant;
 
 use cardiotwin_mechanics::organ::passive_fit::{fit, stiffened};
-use cardiotwin_mechanics::organ::{Anatomy, PassiveFit, PassiveState, UnloadingSettings, WallParameters};
+use cardiotwin_mechanics::organ::{
+    Anatomy, Fitted, PassiveFit, PassiveState, PassiveStateError, Search, SearchProgress, Slope, UnloadingSettings,
+    WallParameters,
+};
 use cardiotwin_mesh::eikonal::{Conduction, Speeds, activation_ms};
 use cardiotwin_mesh::ellipsoid::{EllipsoidSpec, generate};
 use cardiotwin_mesh::fibres::{Angles, Longitudinal, fields, frames};
@@ -28,7 +32,8 @@ use crate::error::TaskError;
 use crate::finite_element::stored::About;
 use crate::finite_element::{FiniteElementError, StoredVentricle, wall};
 
-/// Nodes of the mesh on which a large mesh's law is searched for.
+/// Nodes of the mesh on which a large mesh's law is searched for, which has more than four times as many; the next has eight
+/// times as many.
 const FIRST_NODES: u32 = 1000;
 
 /// Factor of the exponents with which their search begins: what most hearts need.
@@ -168,14 +173,31 @@ fn fitted(
     anatomy: &Anatomy,
     start: &WallParameters,
     of_effects: f64,
-    target: &PassiveFit,
-) -> Result<(PassiveState, WallParameters), FiniteElementError> {
-    let settings = UnloadingSettings::default();
-    let (state, wall) = fit(anatomy, start, target, &settings)?;
+    (target, slope): (&PassiveFit, Option<Slope>),
+    context: &mut Context,
+) -> Result<Fitted, TaskError> {
+    let mut watch = |p: &SearchProgress| {
+        context.progress.report("unloading", p.newton_iterations as f64, None, || {
+            format!(
+                "law {}, pass {}: {:.2} kPa, {} Newton iterations so far",
+                p.trials, p.passes, p.pressure_kpa, p.newton_iterations
+            )
+        });
+        match context.check_stop() {
+            Ok(()) => ControlFlow::Continue(()),
+            Err(_) => ControlFlow::Break(()),
+        }
+    };
+    let mut search = Search::watched(UnloadingSettings::for_anatomy(anatomy), &mut watch);
+    let failed = |error| match error {
+        PassiveStateError::Stopped => TaskError::Cancelled,
+        error => TaskError::FiniteElement(error.into()),
+    };
+    let found = fit(anatomy, start, target, slope, &mut search).map_err(failed)?;
     if matches!(target, PassiveFit::Given { .. }) || of_effects == 1.0 {
-        return Ok((state, wall));
+        return Ok(found);
     }
-    Ok(stiffened(anatomy, &wall, &state, of_effects, &settings)?)
+    stiffened(anatomy, &found, of_effects, &mut search).map_err(failed)
 }
 
 /// A mesh with the law that was fitted on it.
@@ -210,11 +232,14 @@ fn build(
     let mut start = wall::parameters(&spec.wall, first_factor, 0.0);
     let begun = Instant::now();
     let mut seconds = [0.0; 3];
-    let sizes = if given || spec.mesh_nodes <= 4 * FIRST_NODES {
-        vec![spec.mesh_nodes]
-    } else {
-        vec![FIRST_NODES, spec.mesh_nodes]
-    };
+    let mut sizes = vec![];
+    let mut smaller = FIRST_NODES;
+    while !given && spec.mesh_nodes > 4 * smaller {
+        sizes.push(smaller);
+        smaller *= 8;
+    }
+    sizes.push(spec.mesh_nodes);
+    let mut slope = None;
     for n_nodes in sizes {
         context.check_stop()?;
         context.progress.report("mesh", 0.0, None, || format!("about {n_nodes} nodes"));
@@ -226,13 +251,15 @@ fn build(
             format!("{} nodes, {} tetrahedra, {degrees_of_freedom} degrees of freedom", mesh.n_nodes(), mesh.n_tets())
         });
         if n_nodes < spec.mesh_nodes {
-            // Where the small one has no law, the large one says so.
-            if let Ok((_, wall)) = fitted(&anatomy, &start, 1.0, &goal) {
-                start = wall;
+            match fitted(&anatomy, &start, 1.0, (&goal, slope), context) {
+                Ok(found) => (start, slope) = (found.wall, found.slope),
+                Err(TaskError::Cancelled) => return Err(TaskError::Cancelled),
+                // Where the small one has no law, the large one says so.
+                Err(_) => {}
             }
             continue;
         }
-        let (state, wall) = fitted(&anatomy, &start, of_effects, &goal)?;
+        let Fitted { state, wall, .. } = fitted(&anatomy, &start, of_effects, (&goal, slope), context)?;
         let exponent_factor = wall.muscle.b_f / spec.wall.b_f;
         let [meshed, fibres, activation] = seconds;
         let seconds = [meshed, fibres, activation, begun.elapsed().as_secs_f64() - meshed - fibres - activation];

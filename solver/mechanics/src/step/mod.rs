@@ -5,18 +5,18 @@
 //! `K y = q`; along `u − x − y Δp` the volume is linear, and the scalar balance with the circulation, kinks of its valves
 //! included, is then solved exactly by a bracketed Newton method: valves that change state cannot make it cycle.
 
+mod solver;
+
 use cardiotwin_models::circulation::CirculationError;
 use cardiotwin_models::contraction::ContractionError;
 
 use crate::body::Deformation;
 use crate::dynamics::{Candidate, Dynamics, State};
 use crate::element::kernel::ActivePoint;
-use crate::linear::{
-    Assembled, BlockJacobi, Direct, DirectError, KrylovEnding, KrylovSettings, Operator, PackedTangent, Preconditioner,
-    SymmetricSweep, Tangent, conjugate_gradients, gmres,
-};
+use crate::linear::{DirectError, KrylovSettings};
 use crate::newton::{LinearSolver, Smallest};
-use crate::parallel::{Communicator, Disagreement, Space, agree};
+use crate::parallel::{Communicator, Disagreement, agree};
+pub use solver::Solver;
 
 /// Active stress at the integration points for a candidate deformation.
 pub trait PointStress {
@@ -98,6 +98,12 @@ pub struct StepSettings {
     pub smallest_volume_ratio: f64,
     /// Farthest that an iteration moves a node \[mm\]: exponential laws answer a larger step by a larger error.
     pub farthest_mm: f64,
+    /// Whether the tangent is taken at the nodal pressures that the last iteration foresaw, not at those of the volumes as
+    /// they are: what a volume is off by, to second order, is a pressure beyond the stiffness of a soft material, and spoils
+    /// the tangent. Newton's method of the mixed form; for long steps.
+    ///
+    /// Source: Magisano, Leonetti and Garcea 2017, Int J Numer Methods Eng 109:1237.
+    pub foresee_pressures: bool,
     /// Linear solver.
     pub linear: LinearSolver,
     /// Limits of the Krylov method; its tolerance follows from the residual.
@@ -116,6 +122,7 @@ impl Default for StepSettings {
             max_halvings: 4,
             smallest_volume_ratio: 0.1,
             farthest_mm: f64::INFINITY,
+            foresee_pressures: false,
             linear: LinearSolver::BlockJacobi,
             krylov: KrylovSettings::default(),
             keep_until: 12,
@@ -202,226 +209,6 @@ impl From<Disagreement<ContractionError>> for StepError {
     }
 }
 
-/// Matrices and vectors that outlive a step.
-#[derive(Debug)]
-pub struct Solver {
-    matrix: Option<Matrix>,
-    direct: Option<Direct>,
-    stale: bool,
-    /// Last solution of `K y = q`: a good start for the next.
-    response: Vec<f64>,
-    /// Whether the last step was at its end where it was predicted: the next one may be, too.
-    predicted: bool,
-}
-
-/// The tangent, in the storage that the linear solver asks for.
-#[derive(Debug)]
-enum Matrix {
-    Full(Tangent),
-    Packed(PackedTangent),
-}
-
-impl Matrix {
-    fn new(dynamics: &Dynamics, linear: LinearSolver) -> Self {
-        let packed = if linear == LinearSolver::BlockJacobi { dynamics.body.new_packed_tangent() } else { None };
-        packed.map_or_else(|| Self::Full(dynamics.body.new_tangent()), Self::Packed)
-    }
-
-    fn assembled(&mut self) -> &mut dyn Assembled {
-        match self {
-            Self::Full(tangent) => tangent,
-            Self::Packed(tangent) => tangent,
-        }
-    }
-
-    /// The smallest relative residual that its precision allows.
-    fn least_tolerance(&self) -> f64 {
-        match self {
-            Self::Full(_) => 1e-10,
-            Self::Packed(_) => 1e-5,
-        }
-    }
-}
-
-impl Solver {
-    /// A workspace for steps of `dynamics`, always with the same linear solver.
-    #[must_use]
-    pub fn new() -> Self {
-        Self { matrix: None, direct: None, stale: true, response: vec![], predicted: false }
-    }
-
-    /// Where the next solve for the response to pressure begins; empty before the first.
-    #[must_use]
-    pub fn response(&self) -> &[f64] {
-        &self.response
-    }
-
-    /// Begins the next solve for the response to pressure there; with an empty slice, at zero.
-    pub fn respond_from(&mut self, response: &[f64]) {
-        self.response.clear();
-        self.response.extend_from_slice(response);
-    }
-
-    /// Takes over what another solver has factorised, of a body with the same elements.
-    pub fn take_over(&mut self, other: &mut Self) {
-        self.direct = other.direct.take();
-        self.stale = other.stale || self.direct.is_none();
-    }
-
-    /// Forgets what was kept from step to step: the next step then depends on its start alone.
-    pub fn forget(&mut self) {
-        self.stale = true;
-        self.predicted = false;
-        self.response.clear();
-    }
-
-    /// Linearises at a complete candidate.
-    fn linearise(
-        &mut self,
-        dynamics: &Dynamics,
-        dt_ms: f64,
-        (now, candidate): (&State, &Candidate),
-        (force, r): (&mut [f64], &mut [f64]),
-        linear: LinearSolver,
-    ) {
-        let matrix = self.matrix.get_or_insert_with(|| Matrix::new(dynamics, linear));
-        dynamics.linearise(dt_ms, now, candidate, force, r, matrix.assembled());
-    }
-
-    /// A linear solver for the tangent as it is now.
-    fn prepare<'a>(
-        &'a mut self,
-        dynamics: &'a Dynamics,
-        settings: &'a StepSettings,
-        report: &mut StepReport,
-    ) -> Result<Linear<'a>, StepError> {
-        let matrix = match self.matrix.as_ref().expect("linearised before") {
-            Matrix::Full(tangent) if settings.linear == LinearSolver::Direct => {
-                if self.direct.is_none() {
-                    self.direct = Some(Direct::new(tangent, dynamics.body.reference())?);
-                    self.stale = true;
-                }
-                let direct = self.direct.as_mut().expect("made above");
-                let mut fresh = false;
-                if self.stale {
-                    direct.factorise(tangent)?;
-                    report.factorisations += 1;
-                    self.stale = false;
-                    fresh = true;
-                }
-                let kept = Kept { direct, stale: &mut self.stale, fresh };
-                return Ok(Linear {
-                    dynamics,
-                    settings,
-                    least: 1e-2,
-                    operator: tangent,
-                    by: By::Direct(kept, tangent),
-                });
-            }
-            matrix => matrix,
-        };
-        let least = matrix.least_tolerance();
-        let (operator, by): (&dyn Operator, By<'a>) = match matrix {
-            Matrix::Full(tangent) if settings.linear == LinearSolver::SymmetricSweep => {
-                (tangent, By::Sweep(SymmetricSweep::new(tangent)))
-            }
-            Matrix::Full(tangent) => (tangent, By::Jacobi(BlockJacobi::new(tangent))),
-            Matrix::Packed(tangent) => (tangent, By::Jacobi(BlockJacobi::new(tangent))),
-        };
-        Ok(Linear { dynamics, settings, least, operator, by })
-    }
-}
-
-impl Default for Solver {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
-/// A factorisation that is kept until it serves badly.
-struct Kept<'a> {
-    direct: &'a mut Direct,
-    stale: &'a mut bool,
-    fresh: bool,
-}
-
-enum By<'a> {
-    Direct(Kept<'a>, &'a Tangent),
-    Jacobi(BlockJacobi),
-    Sweep(SymmetricSweep<'a>),
-}
-
-/// The linear systems of one iteration of Newton's method.
-struct Linear<'a> {
-    dynamics: &'a Dynamics,
-    settings: &'a StepSettings,
-    least: f64,
-    operator: &'a dyn Operator,
-    by: By<'a>,
-}
-
-impl Linear<'_> {
-    /// `K x = b` from `x`, to a relative residual of `tolerance`, or what the matrix's precision allows.
-    fn solve(&mut self, b: &[f64], x: &mut [f64], tolerance: f64, report: &mut StepReport) -> Result<(), StepError> {
-        let space = self.dynamics.space();
-        let limits = KrylovSettings { relative_tolerance: tolerance.max(self.least), ..self.settings.krylov };
-        match &mut self.by {
-            By::Jacobi(m) => krylov(space, self.operator, m, b, x, &limits, report),
-            By::Sweep(m) => krylov(space, self.operator, m, b, x, &limits, report),
-            By::Direct(kept, tangent) => {
-                let short = KrylovSettings { max_iterations: self.settings.keep_until, ..limits };
-                // Far from equilibrium neither the tangent nor the one that was factorised need be positive definite.
-                let done = gmres(space, self.operator, &*kept.direct, b, x, &short);
-                report.krylov_iterations += done.iterations;
-                *kept.stale |= done.ending != KrylovEnding::Converged;
-                if done.relative_residual < 0.1 {
-                    return Ok(());
-                }
-                if !kept.fresh {
-                    x.fill(0.0);
-                    kept.direct.factorise(tangent)?;
-                    report.factorisations += 1;
-                    kept.fresh = true;
-                    *kept.stale = false;
-                }
-                krylov(space, self.operator, &*kept.direct, b, x, &limits, report)
-            }
-        }
-    }
-
-    /// Norm of `b − K x`.
-    fn residual_norm(&self, b: &[f64], x: &mut [f64]) -> f64 {
-        let space = self.dynamics.space();
-        let mut r = vec![0.0; b.len()];
-        self.operator.multiply(space, x, &mut r);
-        r.iter_mut().zip(b).for_each(|(r, b)| *r = b - *r);
-        space.norm(&r)
-    }
-}
-
-/// Conjugate gradients, and GMRES where those stop at an indefinite matrix.
-fn krylov(
-    space: Space<'_>,
-    operator: &dyn Operator,
-    preconditioner: &dyn Preconditioner,
-    b: &[f64],
-    x: &mut [f64],
-    limits: &KrylovSettings,
-    report: &mut StepReport,
-) -> Result<(), StepError> {
-    let mut done = conjugate_gradients(space, operator, preconditioner, b, x, limits);
-    report.krylov_iterations += done.iterations;
-    if done.ending != KrylovEnding::Converged {
-        done = gmres(space, operator, preconditioner, b, x, limits);
-        report.krylov_iterations += done.iterations;
-    }
-    if !(done.relative_residual < (10.0 * limits.relative_tolerance).min(0.1)) {
-        let (iterations, relative_residual) = (done.iterations, done.relative_residual);
-        return Err(StepError::Linear { iterations, relative_residual });
-    }
-    Ok(())
-}
-
 /// Loosest relative residual of a linear solve.
 const LOOSEST: f64 = 0.1;
 
@@ -463,7 +250,7 @@ pub fn step(
     let (mut column, mut row) = (vec![], vec![]);
     let mut x = vec![0.0; n];
     // Forces alone cost a fraction of the tangent: it is made where it is needed.
-    let mut linearised = !solver.predicted;
+    let mut linearised = !solver.predicted && !settings.foresee_pressures;
     if linearised {
         solver.linearise(dynamics, dt_ms, (now, candidate), (&mut force, &mut r), settings.linear);
     } else {
@@ -491,7 +278,9 @@ pub fn step(
             let StepReport { iterations, relative_residual, volume_residual_mm3, .. } = report;
             return Err(StepError::NotConverged { iterations, relative_residual, volume_residual_mm3 });
         }
-        if !linearised {
+        if settings.foresee_pressures {
+            solver.linearise_as_foreseen(dynamics, dt_ms, now, candidate, settings.linear);
+        } else if !linearised {
             solver.linearise(dynamics, dt_ms, (now, candidate), (&mut force, &mut r), settings.linear);
         }
         let wanted = settings.relative_tolerance * scale;
@@ -536,6 +325,7 @@ pub fn step(
             dynamics.comm.max(&mut farthest);
             share = (settings.farthest_mm / farthest[0]).min(1.0);
         }
+        let before = settings.foresee_pressures.then(|| candidate.deformation.clone());
         for halving in 0.. {
             for k in 0..n {
                 candidate.motion.u[k] = start[k] - share * x[k];
@@ -550,6 +340,9 @@ pub fn step(
                 return Err(StepError::Inverted { element, volume_ratio });
             }
             share *= 0.5;
+        }
+        if let Some(before) = before {
+            solver.foresee(space, &before, share, &mut x);
         }
         agree(space.comm, stress.evaluate(dt_ms, &candidate.deformation, &mut candidate.active))?;
         report.iterations += 1;

@@ -1,0 +1,165 @@
+//! Sparse matrices of small dense blocks in single precision: the matrices of the levels, and the prolongations between them.
+
+use crate::linear::Pattern;
+
+/// A dense block: `C` columns of `W` numbers, of which the last may be padding, zero.
+pub(super) type Block<const W: usize, const C: usize> = [[f32; W]; C];
+
+/// Blocks where `pattern` says. Columns are padded to what vector registers hold.
+#[derive(Debug, Clone)]
+pub(super) struct Blocks<const W: usize, const C: usize> {
+    pub(super) pattern: Pattern,
+    pub(super) blocks: Vec<Block<W, C>>,
+}
+
+impl<const W: usize, const C: usize> Blocks<W, C> {
+    /// Without rows.
+    pub(super) fn empty() -> Self {
+        Self { pattern: Pattern { row_start: vec![0], column: vec![] }, blocks: vec![] }
+    }
+
+    /// `y += k A x`.
+    #[inline(always)]
+    pub(super) fn add_product<const V: usize>(&self, k: f32, x: &[[f32; V]], y: &mut [[f32; W]]) {
+        for (row, y) in y.iter_mut().enumerate() {
+            let mut sum = [0.0_f32; W];
+            let range = self.pattern.row(row);
+            for (block, column) in self.blocks[range.clone()].iter().zip(&self.pattern.column[range]) {
+                let v = &x[*column as usize];
+                for j in 0..C {
+                    for i in 0..W {
+                        sum[i] += block[j][i] * v[j];
+                    }
+                }
+            }
+            for i in 0..W {
+                y[i] += k * sum[i];
+            }
+        }
+    }
+
+    /// `y = Aᵀ x`.
+    #[inline(always)]
+    pub(super) fn transposed_product<const V: usize>(&self, x: &[[f32; W]], y: &mut [[f32; V]]) {
+        y.fill([0.0; V]);
+        for (row, v) in x.iter().enumerate() {
+            let range = self.pattern.row(row);
+            for (block, column) in self.blocks[range.clone()].iter().zip(&self.pattern.column[range]) {
+                let y = &mut y[*column as usize];
+                for j in 0..C {
+                    y[j] += (0..W).map(|i| block[j][i] * v[i]).sum::<f32>();
+                }
+            }
+        }
+    }
+}
+
+/// A row of a matrix under construction.
+pub(super) struct Row<const W: usize, const C: usize> {
+    columns: Vec<u32>,
+    blocks: Vec<Block<W, C>>,
+}
+
+impl<const W: usize, const C: usize> Row<W, C> {
+    pub(super) fn new() -> Self {
+        Self { columns: vec![], blocks: vec![] }
+    }
+
+    pub(super) fn clear(&mut self) {
+        self.columns.clear();
+        self.blocks.clear();
+    }
+
+    /// The block of a column, a new one of zeros where there was none.
+    pub(super) fn at(&mut self, column: u32) -> &mut Block<W, C> {
+        let k = match self.columns.iter().position(|c| *c == column) {
+            Some(k) => k,
+            None => {
+                self.columns.push(column);
+                self.blocks.push([[0.0; W]; C]);
+                self.columns.len() - 1
+            }
+        };
+        &mut self.blocks[k]
+    }
+
+    pub(super) fn blocks_mut(&mut self) -> &mut [Block<W, C>] {
+        &mut self.blocks
+    }
+
+    /// Appends the row to `to`, columns ascending.
+    pub(super) fn append_to(&self, to: &mut Blocks<W, C>) {
+        let mut order: Vec<usize> = (0..self.columns.len()).collect();
+        order.sort_unstable_by_key(|k| self.columns[*k]);
+        for k in order {
+            to.pattern.column.push(self.columns[k]);
+            to.blocks.push(self.blocks[k]);
+        }
+        to.pattern.row_start.push(to.pattern.column.len() as u32);
+    }
+}
+
+/// Inverse of a symmetric positive definite block of `B` rows, in double precision; of its diagonal alone where it is not.
+pub(super) fn inverse<const W: usize, const B: usize>(block: &Block<W, B>) -> Block<W, B> {
+    let matrix = nalgebra::SMatrix::<f64, B, B>::from_fn(|i, j| f64::from(block[j][i] + block[i][j]) * 0.5);
+    let mut out = [[0.0; W]; B];
+    match matrix.cholesky() {
+        Some(factor) => {
+            let inverse = factor.inverse();
+            for j in 0..B {
+                for i in 0..B {
+                    out[j][i] = inverse[(i, j)] as f32;
+                }
+            }
+        }
+        None => {
+            let largest = (0..B).fold(f64::MIN_POSITIVE, |m, i| m.max(matrix[(i, i)].abs()));
+            for i in 0..B {
+                out[i][i] = (1.0 / matrix[(i, i)].abs().max(1e-3 * largest)) as f32;
+            }
+        }
+    }
+    out
+}
+
+/// `to += a b`.
+#[inline(always)]
+pub(super) fn add_times<const W: usize, const V: usize, const K: usize, const C: usize>(
+    a: &Block<W, K>,
+    b: &Block<V, C>,
+    to: &mut Block<W, C>,
+) {
+    for j in 0..C {
+        for k in 0..K {
+            for i in 0..W {
+                to[j][i] += a[k][i] * b[j][k];
+            }
+        }
+    }
+}
+
+/// `to += aᵀ b`.
+#[inline(always)]
+pub(super) fn add_transposed_times<const W: usize, const V: usize, const R: usize, const C: usize>(
+    a: &Block<W, R>,
+    b: &Block<W, C>,
+    to: &mut Block<V, C>,
+) {
+    for j in 0..C {
+        for i in 0..R {
+            to[j][i] += (0..W).map(|k| a[i][k] * b[j][k]).sum::<f32>();
+        }
+    }
+}
+
+/// `a v`.
+#[inline(always)]
+pub(super) fn apply<const W: usize, const B: usize>(a: &Block<W, B>, v: &[f32; W]) -> [f32; W] {
+    let mut out = [0.0; W];
+    for j in 0..B {
+        for i in 0..W {
+            out[i] += a[j][i] * v[j];
+        }
+    }
+    out
+}

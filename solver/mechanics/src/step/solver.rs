@@ -1,0 +1,319 @@
+//! The linear systems of a time step: the tangent in the storage that suits its solver, and what is kept from one system to
+//! the next.
+
+use super::{StepError, StepReport, StepSettings};
+use crate::body::Deformation;
+use crate::dynamics::{Candidate, Dynamics, State};
+use crate::linear::{
+    Assembled, BlockJacobi, Direct, KrylovEnding, KrylovReport, KrylovSettings, Multigrid, Operator, PackedTangent,
+    Preconditioner, SymmetricSweep, Tangent, conjugate_gradients, gmres,
+};
+use crate::newton::LinearSolver;
+use crate::parallel::Space;
+
+/// Relative residual of a linear solve with an expensive preconditioner, whatever Newton's method asks for: another of its
+/// iterations costs less.
+const LOOSE: f64 = 1e-2;
+
+/// Matrices and vectors that outlive a step.
+#[derive(Debug)]
+pub struct Solver {
+    matrix: Option<Matrix>,
+    direct: Option<Direct>,
+    multigrid: Option<Multigrid>,
+    /// Nodal pressures that the tangent is taken at, where that is asked for.
+    foreseen_kpa: Vec<f64>,
+    /// Whether what is kept served badly.
+    stale: bool,
+    /// Last solution of `K y = q`: a good start for the next.
+    pub(super) response: Vec<f64>,
+    /// Whether the last step was at its end where it was predicted: the next one may be, too.
+    pub(super) predicted: bool,
+}
+
+/// The tangent, in the storage that the linear solver asks for.
+#[derive(Debug)]
+enum Matrix {
+    Full(Tangent),
+    Packed(PackedTangent),
+}
+
+impl Matrix {
+    fn new(dynamics: &Dynamics, linear: LinearSolver) -> Self {
+        let packed = match linear {
+            LinearSolver::BlockJacobi | LinearSolver::Multigrid => dynamics.body.new_packed_tangent(),
+            LinearSolver::Direct | LinearSolver::SymmetricSweep => None,
+        };
+        packed.map_or_else(|| Self::Full(dynamics.body.new_tangent()), Self::Packed)
+    }
+
+    fn assembled(&mut self) -> &mut dyn Assembled {
+        match self {
+            Self::Full(tangent) => tangent,
+            Self::Packed(tangent) => tangent,
+        }
+    }
+
+    /// The smallest relative residual that its precision allows.
+    fn least_tolerance(&self) -> f64 {
+        match self {
+            Self::Full(_) => 1e-10,
+            Self::Packed(_) => 1e-5,
+        }
+    }
+}
+
+impl Solver {
+    /// A workspace for steps of `dynamics`, always with the same linear solver.
+    #[must_use]
+    pub fn new() -> Self {
+        Self {
+            matrix: None,
+            direct: None,
+            multigrid: None,
+            foreseen_kpa: vec![],
+            stale: true,
+            response: vec![],
+            predicted: false,
+        }
+    }
+
+    /// Where the next solve for the response to pressure begins; empty before the first.
+    #[must_use]
+    pub fn response(&self) -> &[f64] {
+        &self.response
+    }
+
+    /// Begins the next solve for the response to pressure there; with an empty slice, at zero.
+    pub fn respond_from(&mut self, response: &[f64]) {
+        self.response.clear();
+        self.response.extend_from_slice(response);
+    }
+
+    /// Takes over what another solver has factorised, of a body with the same elements.
+    pub fn take_over(&mut self, other: &mut Self) {
+        (self.direct, self.multigrid) = (other.direct.take(), other.multigrid.take());
+        self.foreseen_kpa = std::mem::take(&mut other.foreseen_kpa);
+        self.stale = other.stale;
+    }
+
+    /// Forgets what was kept from step to step: the next step then depends on its start alone.
+    pub fn forget(&mut self) {
+        self.stale = true;
+        self.predicted = false;
+        self.response.clear();
+    }
+
+    /// Linearises at a complete candidate.
+    pub(super) fn linearise(
+        &mut self,
+        dynamics: &Dynamics,
+        dt_ms: f64,
+        (now, candidate): (&State, &Candidate),
+        (force, r): (&mut [f64], &mut [f64]),
+        linear: LinearSolver,
+    ) {
+        let tangent = self.matrix.get_or_insert_with(|| Matrix::new(dynamics, linear)).assembled();
+        dynamics.linearise(dt_ms, now, candidate, force, r, tangent);
+        if linear == LinearSolver::Multigrid && (self.stale || self.multigrid.is_none()) {
+            let positions: Vec<f64> =
+                dynamics.body.reference().iter().zip(&candidate.motion.u).map(|(x, u)| x + u).collect();
+            self.multigrid = Some(Multigrid::new(tangent, &positions));
+            self.stale = false;
+        }
+    }
+
+    /// The tangent alone, with nodal pressures as Newton's method foresaw them.
+    pub(super) fn linearise_as_foreseen(
+        &mut self,
+        dynamics: &Dynamics,
+        dt_ms: f64,
+        now: &State,
+        candidate: &mut Candidate,
+        linear: LinearSolver,
+    ) {
+        let n = candidate.motion.u.len();
+        self.foreseen_kpa.resize(candidate.deformation.nodal_pressure.len(), 0.0);
+        std::mem::swap(&mut self.foreseen_kpa, &mut candidate.deformation.nodal_pressure);
+        self.linearise(dynamics, dt_ms, (now, candidate), (&mut vec![0.0; n], &mut vec![0.0; n]), linear);
+        std::mem::swap(&mut self.foreseen_kpa, &mut candidate.deformation.nodal_pressure);
+    }
+
+    /// The nodal pressures that displacements less `share` of `x` have to first order.
+    pub(super) fn foresee(&mut self, space: Space<'_>, deformation: &Deformation, share: f64, x: &mut [f64]) {
+        if deformation.nodal_pressure.is_empty() {
+            return;
+        }
+        let volumes = self.matrix.as_mut().expect("linearised before").assembled().vertex_volumes(space, x);
+        self.foreseen_kpa.clear();
+        self.foreseen_kpa.extend(
+            (deformation.nodal_pressure.iter().zip(&deformation.nodal_slope).zip(volumes))
+                .map(|((p, slope), volume)| p - share * slope * volume),
+        );
+    }
+
+    /// A linear solver for the tangent as it is now.
+    pub(super) fn prepare<'a>(
+        &'a mut self,
+        dynamics: &'a Dynamics,
+        settings: &'a StepSettings,
+        report: &mut StepReport,
+    ) -> Result<Linear<'a>, StepError> {
+        if settings.linear == LinearSolver::Multigrid {
+            let matrix = self.matrix.as_mut().expect("linearised before");
+            let operator = &*matrix.assembled();
+            let levels = self.multigrid.as_ref().expect("made with the tangent");
+            let by = By::Multigrid(levels, &mut self.stale);
+            return Ok(Linear { dynamics, settings, least: LOOSE, operator, by });
+        }
+        let matrix = match self.matrix.as_ref().expect("linearised before") {
+            Matrix::Full(tangent) if settings.linear == LinearSolver::Direct => {
+                if self.direct.is_none() {
+                    self.direct = Some(Direct::new(tangent, dynamics.body.reference())?);
+                    self.stale = true;
+                }
+                let direct = self.direct.as_mut().expect("made above");
+                let mut fresh = false;
+                if self.stale {
+                    direct.factorise(tangent)?;
+                    report.factorisations += 1;
+                    self.stale = false;
+                    fresh = true;
+                }
+                let kept = Kept { by: direct, stale: &mut self.stale, fresh };
+                return Ok(Linear {
+                    dynamics,
+                    settings,
+                    least: LOOSE,
+                    operator: tangent,
+                    by: By::Direct(kept, tangent),
+                });
+            }
+            matrix => matrix,
+        };
+        let least = matrix.least_tolerance();
+        let (operator, by): (&dyn Operator, By<'a>) = match matrix {
+            Matrix::Full(tangent) if settings.linear == LinearSolver::SymmetricSweep => {
+                (tangent, By::Sweep(SymmetricSweep::new(tangent)))
+            }
+            Matrix::Full(tangent) => (tangent, By::Jacobi(BlockJacobi::new(tangent))),
+            Matrix::Packed(tangent) => (tangent, By::Jacobi(BlockJacobi::new(tangent))),
+        };
+        Ok(Linear { dynamics, settings, least, operator, by })
+    }
+}
+
+impl Default for Solver {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+/// A factorisation that is kept until it serves badly.
+struct Kept<'a> {
+    by: &'a mut Direct,
+    stale: &'a mut bool,
+    fresh: bool,
+}
+
+enum By<'a> {
+    Direct(Kept<'a>, &'a Tangent),
+    Multigrid(&'a Multigrid, &'a mut bool),
+    Jacobi(BlockJacobi),
+    Sweep(SymmetricSweep<'a>),
+}
+
+/// The linear systems of one iteration of Newton's method.
+pub(super) struct Linear<'a> {
+    dynamics: &'a Dynamics,
+    settings: &'a StepSettings,
+    least: f64,
+    operator: &'a dyn Operator,
+    by: By<'a>,
+}
+
+impl Linear<'_> {
+    /// `K x = b` from `x`, to a relative residual of `tolerance`, or what the matrix's precision allows.
+    pub(super) fn solve(
+        &mut self,
+        b: &[f64],
+        x: &mut [f64],
+        tolerance: f64,
+        report: &mut StepReport,
+    ) -> Result<(), StepError> {
+        let space = self.dynamics.space();
+        let limits = KrylovSettings { relative_tolerance: tolerance.max(self.least), ..self.settings.krylov };
+        match &mut self.by {
+            By::Jacobi(m) => krylov(space, self.operator, m, b, x, &limits, report),
+            By::Sweep(m) => krylov(space, self.operator, m, b, x, &limits, report),
+            By::Multigrid(levels, stale) => {
+                let short = KrylovSettings { max_iterations: 4 * self.settings.keep_until, ..limits };
+                let mut done = conjugate_gradients(space, self.operator, *levels, b, x, &short);
+                let mut iterations = done.iterations;
+                if done.ending != KrylovEnding::Converged {
+                    // Far from equilibrium the tangent need not be positive definite.
+                    x.fill(0.0);
+                    done = gmres(space, self.operator, *levels, b, x, &short);
+                    iterations += done.iterations;
+                }
+                report.krylov_iterations += iterations;
+                **stale |= iterations > self.settings.keep_until;
+                if done.relative_residual < 0.3 {
+                    return Ok(());
+                }
+                let KrylovReport { iterations, relative_residual, .. } = done;
+                Err(StepError::Linear { iterations, relative_residual })
+            }
+            By::Direct(kept, tangent) => {
+                let short = KrylovSettings { max_iterations: self.settings.keep_until, ..limits };
+                // Far from equilibrium neither the tangent nor the one that was factorised need be positive definite.
+                let done = gmres(space, self.operator, &*kept.by, b, x, &short);
+                report.krylov_iterations += done.iterations;
+                *kept.stale |= done.ending != KrylovEnding::Converged;
+                if done.relative_residual < 0.1 {
+                    return Ok(());
+                }
+                if !kept.fresh {
+                    x.fill(0.0);
+                    kept.by.factorise(tangent)?;
+                    report.factorisations += 1;
+                    kept.fresh = true;
+                    *kept.stale = false;
+                }
+                krylov(space, self.operator, &*kept.by, b, x, &limits, report)
+            }
+        }
+    }
+
+    /// Norm of `b − K x`.
+    pub(super) fn residual_norm(&self, b: &[f64], x: &mut [f64]) -> f64 {
+        let space = self.dynamics.space();
+        let mut r = vec![0.0; b.len()];
+        self.operator.multiply(space, x, &mut r);
+        r.iter_mut().zip(b).for_each(|(r, b)| *r = b - *r);
+        space.norm(&r)
+    }
+}
+
+/// Conjugate gradients, and GMRES where those stop at an indefinite matrix.
+fn krylov(
+    space: Space<'_>,
+    operator: &dyn Operator,
+    preconditioner: &dyn Preconditioner,
+    b: &[f64],
+    x: &mut [f64],
+    limits: &KrylovSettings,
+    report: &mut StepReport,
+) -> Result<(), StepError> {
+    let mut done = conjugate_gradients(space, operator, preconditioner, b, x, limits);
+    report.krylov_iterations += done.iterations;
+    if done.ending != KrylovEnding::Converged {
+        done = gmres(space, operator, preconditioner, b, x, limits);
+        report.krylov_iterations += done.iterations;
+    }
+    if !(done.relative_residual < (10.0 * limits.relative_tolerance).min(0.1)) {
+        let (iterations, relative_residual) = (done.iterations, done.relative_residual);
+        return Err(StepError::Linear { iterations, relative_residual });
+    }
+    Ok(())
+}
