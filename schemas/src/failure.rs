@@ -30,6 +30,39 @@ impl FailureClass {
     }
 }
 
+/// What a scheduler's job died of: the finer side of [`FailureClass::Site`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum SiteCause {
+    /// It used up its walltime.
+    Walltime,
+    /// It used more memory than it was given.
+    OutOfMemory,
+    /// A node failed.
+    NodeFailure,
+    /// It had to make room for another job.
+    Preemption,
+    /// A person cancelled it.
+    Cancelled,
+    /// The scheduler will never take it as it is.
+    Refused,
+    /// It ended without a word.
+    Unexplained,
+}
+
+impl SiteCause {
+    /// All, with the words that commands take.
+    pub const ALL: [(Self, &'static str); 7] = [
+        (Self::Walltime, "walltime"),
+        (Self::OutOfMemory, "oom"),
+        (Self::NodeFailure, "node"),
+        (Self::Preemption, "preemption"),
+        (Self::Cancelled, "cancelled"),
+        (Self::Refused, "refused"),
+        (Self::Unexplained, "unexplained"),
+    ];
+}
+
 /// What went wrong, in words for a person.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Failure {
@@ -40,12 +73,15 @@ pub struct Failure {
     /// What to do about it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub remedy: Option<String>,
+    /// What a scheduler's job died of, where it was one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub cause: Option<SiteCause>,
 }
 
 impl Failure {
     /// A failure without a remedy.
     #[must_use]
     pub fn new(class: FailureClass, message: impl Into<String>) -> Self {
-        Self { class, message: message.into(), remedy: None }
+        Self { class, message: message.into(), remedy: None, cause: None }
     }
 }

@@ -4,6 +4,7 @@
 //! Keys carry their units (`pressure_mmHg`); Rust names are the same words in lower case.
 
 pub mod afterload;
+pub mod allocation;
 pub mod biomarkers;
 pub mod cohort;
 pub mod discover;

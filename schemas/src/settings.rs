@@ -359,6 +359,8 @@ pub enum ExecutorKind {
     Local,
     /// No-op tasks inside the coordinator: measures orchestration.
     InProcess,
+    /// Jobs of a cluster; `cardiotwin advance` brings them on.
+    Slurm,
 }
 
 /// Which instructions the cell engine uses. AVX2 and AVX-512 give the same bits; `portable` rounds differently, so that a
@@ -404,6 +406,62 @@ pub struct ExecutorSettings {
     pub vtu_every_ms: f64,
     /// A worker that writes no progress and does not end for so long is taken for hung and killed; 0 is never.
     pub hang_timeout_s: f64,
+    /// Jobs of a cluster, for `kind = "slurm"`.
+    #[serde(skip_serializing_if = "SlurmSettings::is_default")]
+    pub slurm: SlurmSettings,
+}
+
+/// How a cohort becomes jobs of a cluster.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct SlurmSettings {
+    /// Site profile: `archer2`, `generic`, or the path of a file like those of deploy/sites.
+    pub site: String,
+    /// Account that is charged; needed where the site demands one.
+    pub account: Option<String>,
+    /// Queue of the profile; the first that serves the work where absent.
+    pub queue: Option<String>,
+    /// Longest walltime of a job, `HH:MM:SS`; the queue's where absent.
+    pub walltime: Option<String>,
+    /// How long before the end of its walltime a job is warned, so that it can leave a checkpoint.
+    pub warning_s: u64,
+    /// Memory of each worker, where the queue gives single cores.
+    #[serde(rename = "memory_MiB")]
+    pub memory_mib: u64,
+    /// How long one simulated beat takes, until some were measured; 0: a guess from fidelity and mesh.
+    pub simulation_s: f64,
+    /// Nodes of a job at most, where the queue gives whole nodes; 0: the queue's limit.
+    pub bundle_nodes: u32,
+    /// A job is meant to last so long at least, where there is work enough: patients are put together up to it.
+    pub job_s: u64,
+    /// How long a job may be nowhere to be found before it is given up, s.
+    pub grace_s: u64,
+    /// Free repeats of a patient after failed nodes, preemptions and used walltimes that brought progress.
+    pub free_repeats: u32,
+}
+
+impl SlurmSettings {
+    fn is_default(&self) -> bool {
+        *self == Self::default()
+    }
+}
+
+impl Default for SlurmSettings {
+    fn default() -> Self {
+        Self {
+            site: "generic".into(),
+            account: None,
+            queue: None,
+            walltime: None,
+            warning_s: 120,
+            memory_mib: 2000,
+            simulation_s: 0.0,
+            bundle_nodes: 0,
+            job_s: 3600,
+            grace_s: 120,
+            free_repeats: 10,
+        }
+    }
 }
 
 impl Default for ExecutorSettings {
@@ -416,6 +474,7 @@ impl Default for ExecutorSettings {
             site_retries: 2,
             vtu_every_ms: 0.0,
             hang_timeout_s: 0.0,
+            slurm: SlurmSettings::default(),
         }
     }
 }

@@ -54,7 +54,7 @@ pub const CRATES: &[Rule] = &[
     },
     Rule {
         who: "coordinator",
-        may: &["schemas", "units", "signals", "calibrate"],
+        may: &["schemas", "units", "signals", "calibrate", "slurm"],
         why: "decides and keeps books, never simulates: it builds where MPI is absent and stays small",
     },
     Rule {
@@ -79,7 +79,7 @@ pub const ROOMS: &[Rule] = &[
     Rule { who: "machine", may: &["schemas"], why: "decisions are pure functions, tested without the world" },
     Rule {
         who: "dispatch",
-        may: &["schemas", "clock"],
+        may: &["schemas", "clock", "slurm"],
         why: "processes and schedulers are reached in one place, tested without decisions",
     },
     Rule { who: "store", may: &["schemas", "machine", "clock"], why: "SQL in one place" },
@@ -103,7 +103,7 @@ pub const ROOMS: &[Rule] = &[
     },
     Rule {
         who: "engine",
-        may: &["schemas", "machine", "store", "dispatch", "calibrate", "clock"],
+        may: &["schemas", "machine", "store", "dispatch", "calibrate", "clock", "slurm"],
         why: "observe, decide, commit, act: the only room that sees both decisions and world",
     },
     Rule {

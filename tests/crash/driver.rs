@@ -31,6 +31,7 @@ fn main() -> ExitCode {
             ..ExecutorSettings::default()
         },
         worker: (!in_process).then(|| PathBuf::from(executor)),
+        watch: false,
     };
     let runtime =
         tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build().expect("a runtime");

@@ -304,6 +304,7 @@ impl TaskError {
                     class: error.class(),
                     message: chain(&error),
                     remedy: error.remedy().map(ToOwned::to_owned),
+                    cause: None,
                 },
             },
         }

@@ -83,7 +83,7 @@ fn guarded(kind: &str, work: impl FnOnce() -> Ending) -> Ending {
         let place = place.lock().ok().and_then(|mut place| place.take()).unwrap_or_default();
         let message = format!("{kind} task panicked at {place}: {}", panic_message(payload.as_ref()));
         let remedy = "please report this with the attempt's spec.json".to_owned();
-        Ending::Failed { failure: Failure { class: FailureClass::Bug, message, remedy: Some(remedy) } }
+        Ending::Failed { failure: Failure { class: FailureClass::Bug, message, remedy: Some(remedy), cause: None } }
     })
 }
 

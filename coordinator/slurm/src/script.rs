@@ -271,6 +271,7 @@ pub fn write(job: &Job, queue: &Queue, site: &Site) -> Result<String, ScriptErro
 /// What every script has: the warning is handed on to the steps, and waiting goes on after it. bash looks at a signal
 /// only between commands of the foreground, hence `wait`.
 const COMMON: &str = r#"began=$(date +%s) warned=0 worst=0 started=0 left=0 steps=()
+export CARDIOTWIN_LEAVE_AT=$((began + seconds - warning)) # when whoever works here is to have left
 trap 'warned=1; for step in "${steps[@]}"; do kill -USR1 "$step" 2>/dev/null; done' USR1
 reap() { # waits until a step has ended, or the warning came
     local step code still=()

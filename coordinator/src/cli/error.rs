@@ -94,7 +94,8 @@ impl CliError {
             Self::Engine(EngineError::Store(error)) | Self::Store(error) => store_exit(error),
             Self::Engine(EngineError::NoSpace { .. } | EngineError::Plan { .. }) => Exit::Store,
             Self::Engine(EngineError::Transition(_)) => Exit::Bug,
-            Self::Engine(EngineError::Request { .. }) | Self::Usage(_) => Exit::Usage,
+            Self::Engine(EngineError::Request { .. } | EngineError::OnCluster { .. }) | Self::Usage(_) => Exit::Usage,
+            Self::Engine(EngineError::Site { .. }) => Exit::Input,
             Self::Sweep(error) => sweep_exit(error),
             Self::Input { .. } | Self::Trace { .. } => Exit::Input,
             Self::Overlay(OverlayError::NothingAccepted { .. }) => Exit::Usage,
@@ -128,6 +129,7 @@ fn sweep_exit(error: &SweepError) -> Exit {
 fn store_exit(error: &StoreError) -> Exit {
     match error {
         StoreError::NoPatient { .. } => Exit::Usage,
+        StoreError::LeaseLost { .. } => Exit::Locked,
         _ => Exit::Store,
     }
 }

@@ -19,6 +19,8 @@ pub enum Exit {
     Store,
     /// A file, a directory or the worker's executable.
     System,
+    /// Jobs wait or run on a cluster: `advance` again.
+    Unfinished,
     /// A defect of ours.
     Bug,
     /// Stopped by Ctrl-C or SIGTERM; the same command goes on.
@@ -27,7 +29,7 @@ pub enum Exit {
 
 impl Exit {
     /// All of them, in the order of their codes.
-    pub const ALL: [Self; 9] = [
+    pub const ALL: [Self; 10] = [
         Self::Ok,
         Self::Problems,
         Self::Usage,
@@ -35,6 +37,7 @@ impl Exit {
         Self::Locked,
         Self::Store,
         Self::System,
+        Self::Unfinished,
         Self::Bug,
         Self::Interrupted,
     ];
@@ -50,6 +53,7 @@ impl Exit {
             Self::Locked => 4,
             Self::Store => 5,
             Self::System => 6,
+            Self::Unfinished => 8,
             Self::Bug => 70,
             Self::Interrupted => 130,
         }
@@ -66,6 +70,7 @@ impl Exit {
             Self::Locked => "another coordinator works on this run",
             Self::Store => "the run's database is missing, damaged, of a newer version, or cannot be written",
             Self::System => "a file, a directory or the worker's executable",
+            Self::Unfinished => "jobs wait or run on a cluster; `advance` goes on",
             Self::Bug => "a defect of cardiotwin: please report it",
             Self::Interrupted => "stopped by Ctrl-C or SIGTERM; the same command goes on",
         }

@@ -25,8 +25,8 @@ pub use error::CliError;
 pub use exit::Exit;
 
 use commands::{
-    bench, cancel, check, compare, completions, config, discover, explain, export, fit, init, logs, man, report, rerun,
-    retry, run, schemas, show, simulate, status, sweep,
+    advance, backup, bench, cancel, check, compare, completions, config, discover, drive, explain, export, fit, init,
+    logs, man, report, rerun, retry, run, schemas, show, simulate, status, sweep,
 };
 use logging::LogFormat;
 use talk::{ColourChoice, Talk};
@@ -64,6 +64,7 @@ enum Command {
     Check(check::CheckArgs),
     Config(config::ConfigArgs),
     Run(run::RunArgs),
+    Advance(advance::AdvanceArgs),
     Simulate(simulate::SimulateArgs),
     Status(status::StatusArgs),
     Show(show::ShowArgs),
@@ -75,6 +76,7 @@ enum Command {
     Compare(compare::CompareArgs),
     Report(report::ReportArgs),
     Export(export::ExportArgs),
+    Backup(backup::BackupArgs),
     Discover(discover::DiscoverArgs),
     Fit(fit::FitArgs),
     Sweep(Box<sweep::SweepArgs>),
@@ -82,6 +84,8 @@ enum Command {
     Completions(completions::CompletionsArgs),
     Man(man::ManArgs),
     Schemas(schemas::SchemasArgs),
+    #[command(hide = true)]
+    Drive(drive::DriveArgs),
 }
 
 /// The whole command as clap knows it: for completions, manual pages and tests.
@@ -119,6 +123,8 @@ async fn execute(command: &Command, talk: &Talk) -> Result<Exit, CliError> {
         Command::Check(args) => check::execute(args, talk),
         Command::Config(args) => config::execute(args, talk).await,
         Command::Run(args) => run::execute(args, talk).await,
+        Command::Advance(args) => advance::execute(args, talk).await,
+        Command::Drive(args) => drive::execute(args, talk).await,
         Command::Simulate(args) => simulate::execute(args, talk).await,
         Command::Status(args) => status::execute(args, talk).await,
         Command::Show(args) => show::execute(args, talk).await,
@@ -130,6 +136,7 @@ async fn execute(command: &Command, talk: &Talk) -> Result<Exit, CliError> {
         Command::Compare(args) => compare::execute(args, talk).await,
         Command::Report(args) => report::execute(args, talk).await,
         Command::Export(args) => export::execute(args, talk).await,
+        Command::Backup(args) => backup::execute(args, talk).await,
         Command::Discover(args) => discover::execute(args, talk).await,
         Command::Fit(args) => fit::execute(args, talk),
         Command::Sweep(args) => sweep::execute(args, talk).await,

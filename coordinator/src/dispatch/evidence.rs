@@ -10,9 +10,11 @@ use cardiotwin_schemas::progress::Claim;
 
 use super::{DispatchError, Evidence};
 
+/// What is to be done.
 pub const SPEC: &str = "spec.json";
 pub const CLAIM: &str = "started.json";
 pub const OUTCOME: &str = "outcome.json";
+/// The coordinator's word that the attempt is revoked.
 pub const FENCE: &str = "fence";
 pub const LOG: &str = "stderr.log";
 

@@ -34,6 +34,7 @@ const EXIT_CLAIMED: i32 = 3;
 pub struct Local {
     worker: PathBuf,
     at_once: usize,
+    grace: Duration,
     running: HashMap<AttemptId, Running>,
     exits: mpsc::UnboundedReceiver<Exit>,
     tell: mpsc::UnboundedSender<Exit>,
@@ -60,7 +61,13 @@ impl Local {
     #[must_use]
     pub fn new(worker: PathBuf, at_once: usize) -> Self {
         let (tell, exits) = mpsc::unbounded_channel();
-        Self { worker, at_once, running: HashMap::new(), exits, tell }
+        Self { worker, at_once, grace: GRACE, running: HashMap::new(), exits, tell }
+    }
+
+    /// Gives workers that are asked to leave so long before they are forced.
+    #[must_use]
+    pub fn with_grace(self, grace: Duration) -> Self {
+        Self { grace, ..self }
     }
 
     fn spawn(&mut self, order: &Order) -> Result<u32, DispatchError> {
@@ -169,7 +176,7 @@ impl Local {
         for (attempt, running) in &mut self.running {
             if running.orphan.as_ref().is_some_and(|claim| !process::lives(claim)) {
                 over.push((attempt.clone(), running.directory.clone()));
-            } else if running.stopped.is_some_and(|at| at.elapsed() > GRACE) {
+            } else if running.stopped.is_some_and(|at| at.elapsed() > self.grace) {
                 process::signal_group(running.pid, running.start, true);
             }
         }

@@ -7,6 +7,7 @@ mod evidence;
 mod in_process;
 mod local;
 mod process;
+pub mod slurm;
 
 use std::future::Future;
 use std::io;
@@ -18,8 +19,10 @@ use cardiotwin_schemas::outcome::TaskOutcome;
 use cardiotwin_schemas::progress::Claim;
 use cardiotwin_schemas::task::AttemptSpec;
 
+pub use evidence::{FENCE, SPEC, fence, outcome};
 pub use in_process::InProcess;
 pub use local::Local;
+pub use process::{claim_of_this_process, lives_here};
 
 /// What an executor needs to start an attempt.
 #[derive(Debug, Clone)]

@@ -31,9 +31,27 @@ pub fn start_ticks(pid: u32) -> Option<u64> {
     fields.nth(18)?.parse().ok()
 }
 
+/// This process's claim.
+pub fn claim_of_this_process() -> Claim {
+    let pid = std::process::id();
+    Claim {
+        host: host().into(),
+        boot_id: boot_id().into(),
+        pid,
+        pid_start_ticks: start_ticks(pid).unwrap_or_default(),
+        at: crate::clock::now_utc(),
+    }
+}
+
 /// Whether the process that made a claim on this host lives.
 pub fn lives(claim: &Claim) -> bool {
     claim.boot_id == boot_id() && start_ticks(claim.pid) == Some(claim.pid_start_ticks)
+}
+
+/// Whether the process that made a claim lives; `None` where it was made on another host, or before a reboot of one
+/// that cannot be told from another.
+pub fn lives_here(claim: &Claim) -> Option<bool> {
+    (claim.host == host() && !boot_id().is_empty()).then(|| lives(claim))
 }
 
 /// Signals a worker and all that it started: each worker leads a process group of its own.

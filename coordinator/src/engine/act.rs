@@ -27,7 +27,7 @@ impl<E: Executor> Drive<E> {
             if self.seen_stop > StopLevel::Run && matches!(action, Action::Submit { .. }) {
                 continue;
             }
-            self.crash.pass("before an action");
+            self.crash.pass("before an action")?;
             match action {
                 Action::Submit { attempt } => self.submit(&attempt).await?,
                 Action::Stop { attempt } => {
@@ -37,9 +37,11 @@ impl<E: Executor> Drive<E> {
                         self.adopt_stopped(&attempt)?;
                     }
                 }
-                Action::WriteOverlay { patient_id } => self.write_overlay(patient_id)?,
+                Action::WriteOverlay { patient_id } => overlay::write_of(&self.world, patient_id)?,
+                // Of a time when this run's tasks were jobs of a cluster: `advance` does it.
+                Action::SubmitJob { .. } | Action::FenceJob { .. } | Action::CancelJob { .. } => continue,
             }
-            self.crash.pass("after an action");
+            self.crash.pass("after an action")?;
             self.world.action_done(id);
         }
         Ok(())
@@ -96,14 +98,6 @@ impl<E: Executor> Drive<E> {
             }
             // Not this attempt's affair: nothing could be started. It stays as it is for the next run.
             Err(error) => Err(error.into()),
-        }
-    }
-
-    fn write_overlay(&mut self, patient_id: i64) -> Result<(), EngineError> {
-        let Some(i) = self.world.patients.iter().position(|p| p.row.id == patient_id) else { return Ok(()) };
-        match overlay::learned(&self.world, i)? {
-            Some(learned) => overlay::write(&self.world.run_dir, learned),
-            None => Ok(()),
         }
     }
 }

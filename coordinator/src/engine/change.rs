@@ -122,6 +122,7 @@ impl Decider {
             changes.push(format!("{name} goes on"));
         }
         self.reopen(world, i);
+        world.plan_changed(i);
         world.patient_event(i, PatientEvent::Replan { reason: "retry".into() })?;
         self.decide(world, i)?;
         Ok(changes)

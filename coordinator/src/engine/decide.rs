@@ -3,6 +3,7 @@
 use cardiotwin_schemas::cohort::SettingsLayer;
 use cardiotwin_schemas::failure::FailureClass;
 use cardiotwin_schemas::ids::{AttemptId, PatientId, TaskKey};
+use cardiotwin_schemas::outcome::TaskOutcome;
 use cardiotwin_schemas::plan::{ResolvedPatient, Workflow};
 use cardiotwin_schemas::settings::ExecutorSettings;
 
@@ -103,6 +104,7 @@ impl Decider {
         world.patients[i].plan_row.plan = (*overrides != SettingsLayer::default()).then(text);
         world.set_plan(i, plan);
         if force || !same {
+            world.plan_changed(i);
             world.patient_event(i, PatientEvent::Replan { reason: reason.to_owned() })?;
         }
         Ok(())
@@ -213,8 +215,6 @@ impl Decider {
         circumstance: Circumstance,
     ) -> Result<(), EngineError> {
         let Some(task) = world.tasks.get(&attempt.task) else { return Ok(()) };
-        // Late news of an older generation, or of one that is over, changes nothing.
-        let current = matches!(task.state, Task::Attempting { generation, .. } if generation == attempt.generation);
         let (how, outcome) = match evidence {
             Evidence::Outcome { outcome, text } => (judge(attempt, &task.kind, &outcome), Some((outcome, text))),
             Evidence::Nothing { .. } if circumstance == Circumstance::Excused => (AttemptEnding::Interrupted, None),
@@ -231,6 +231,21 @@ impl Decider {
             }
             how => how,
         };
+        self.attempt_over(world, attempt, how, outcome.map(|(outcome, text)| (*outcome, text)), self.site_retries)
+    }
+
+    /// The end of an attempt, as it is understood, for its task and for those who wait.
+    pub fn attempt_over(
+        &mut self,
+        world: &mut World,
+        attempt: &AttemptId,
+        how: AttemptEnding,
+        outcome: Option<(TaskOutcome, String)>,
+        site_retries: u32,
+    ) -> Result<(), EngineError> {
+        let Some(task) = world.tasks.get(&attempt.task) else { return Ok(()) };
+        // Late news of an older generation, or of one that is over, changes nothing.
+        let current = matches!(task.state, Task::Attempting { generation, .. } if generation == attempt.generation);
         world.attempt_event(attempt, AttemptEvent::Ended { how: how.clone() })?;
         if !current {
             return Ok(());
@@ -242,9 +257,9 @@ impl Decider {
         };
         let settles = matches!(how, AttemptEnding::Succeeded | AttemptEnding::Failed { .. });
         if let Some((outcome, text)) = outcome.filter(|_| settles) {
-            world.keep_outcome(&attempt.task, *outcome, text);
+            world.keep_outcome(&attempt.task, outcome, text);
         }
-        let (generation, site_retries) = (attempt.generation, self.site_retries);
+        let generation = attempt.generation;
         world.task_event(&attempt.task, TaskEvent::Ended { generation, how: how.clone(), site_retries })?;
         self.task_moved(world, attempt, &how)
     }

@@ -237,7 +237,7 @@ impl<E: Executor> Drive<E> {
         let mut batch = self.world.flush();
         if !batch.is_empty() {
             self.writer.commit(&mut batch).await?;
-            self.crash.pass("after a commit");
+            self.crash.pass("after a commit")?;
         }
         for event in self.decider.events.drain(..) {
             // Nobody may be listening.
@@ -351,23 +351,11 @@ impl<E: Executor> Drive<E> {
 
     /// Makes the changes that other processes asked for.
     async fn take_requests(&mut self) -> Result<(), EngineError> {
-        let pending = requests::pending(&self.world.run_dir)?;
-        if pending.is_empty() {
+        let (told, paths) = requests::take(&mut self.world, &mut self.decider)?;
+        if paths.is_empty() {
             return Ok(());
         }
-        let mut paths = Vec::new();
-        for (path, request) in pending {
-            let text = match request {
-                Ok(request) => match self.decider.request(&mut self.world, &request) {
-                    Ok(changes) => changes.join("; "),
-                    Err(EngineError::Request { message }) => format!("request refused: {message}"),
-                    Err(other) => return Err(other),
-                },
-                Err(error) => format!("{} cannot be read: {error}", path.display()),
-            };
-            self.decider.events.push(EngineEvent::Request { text });
-            paths.push(path);
-        }
+        self.decider.events.extend(told);
         self.commit().await?;
         requests::remove(&paths)
     }

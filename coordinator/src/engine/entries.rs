@@ -74,15 +74,18 @@ impl TaskEntry {
 
     pub(super) fn flush(&mut self, key: &str, batch: &mut Batch) {
         let word = self.state.word();
-        if self.stored {
-            let outcome = self.outcome_text.as_deref().filter(|_| self.outcome_changed);
-            batch.update_task(&TaskChange { key, version: self.version, state: &self.state, word, outcome });
-            self.version += 1;
-            self.outcome_changed = false;
-        } else {
+        if !self.stored {
             batch.insert_task(&NewTask { key, kind: &self.kind, state: &self.state, word, spec: &self.spec });
             self.stored = true;
+            // What a job did while nobody looked is wanted, begun and settled in one commit.
+            if !self.outcome_changed {
+                return;
+            }
         }
+        let outcome = self.outcome_text.as_deref().filter(|_| self.outcome_changed);
+        batch.update_task(&TaskChange { key, version: self.version, state: &self.state, word, outcome });
+        self.version += 1;
+        self.outcome_changed = false;
     }
 }
 
@@ -93,7 +96,9 @@ impl AttemptEntry {
             let (directory, planned_ms) = (self.directory.as_str(), self.planned_ms);
             batch.insert_attempt(&NewAttempt { task, generation, allocation, directory, state, word, planned_ms });
             self.stored = true;
-            return;
+            if self.external_id.is_none() && self.claim.is_none() && !state.is_final() {
+                return;
+            }
         }
         let claim = self.claim.take().map(|c| serde_json::to_string(&c).expect("a claim is JSON"));
         batch.update_attempt(&AttemptChange {

@@ -60,4 +60,25 @@ pub enum EngineError {
         /// Why.
         source: serde_json::Error,
     },
+    /// The site's profile.
+    #[error("{message}")]
+    Site {
+        /// What is wrong with it, where, and what to do.
+        message: String,
+    },
+    /// A run with jobs on a cluster, asked to run elsewhere.
+    #[error(
+        "{jobs} of this run are on a cluster: go on with executor.kind = \"slurm\", or end them with `cardiotwin cancel --all` first"
+    )]
+    OnCluster {
+        /// How many, in words.
+        jobs: String,
+    },
+    /// A crash that a test asked for.
+    #[cfg(test)]
+    #[error("crash point: {place}")]
+    Crashed {
+        /// Where.
+        place: String,
+    },
 }

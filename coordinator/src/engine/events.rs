@@ -129,9 +129,19 @@ pub struct RunSummary {
     pub stopped: bool,
     /// Wall time.
     pub wall_s: f64,
+    /// Whether tasks are jobs of a cluster.
+    pub cluster: bool,
+    /// Jobs on a cluster that are not over.
+    pub jobs: usize,
 }
 
 impl RunSummary {
+    /// Whether the run goes on without this process.
+    #[must_use]
+    pub fn on_cluster(&self) -> bool {
+        self.cluster && (self.jobs > 0 || self.unfinished > 0)
+    }
+
     /// Whether everything had been done before.
     #[must_use]
     pub fn nothing_to_do(&self) -> bool {

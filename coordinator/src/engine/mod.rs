@@ -14,10 +14,14 @@ use cardiotwin_schemas::settings::{ExecutorKind, ExecutorSettings};
 pub use crate::machine::patient::Stage;
 
 use crate::clock;
-use crate::dispatch::{Executor, InProcess, Local};
+use crate::dispatch::slurm::{Installed, Scheduler};
+use crate::dispatch::{self, Executor, InProcess, Local};
 use crate::store::Writer;
+use crate::store::lease::Lease;
 use crate::store::lock::RunLock;
 use crate::store::outbox::Action;
+use cluster::{Cluster, load_site};
+use crash::CrashPoints;
 use decide::Decider;
 use drive::Drive;
 use requests::Request;
@@ -26,9 +30,11 @@ use world::World;
 mod act;
 pub mod bench;
 mod change;
+mod cluster;
 mod crash;
 mod decide;
 mod drive;
+mod driver;
 mod entries;
 mod error;
 mod events;
@@ -45,9 +51,15 @@ mod tests;
 mod watch;
 mod workflow;
 mod world;
+mod world_jobs;
 
+pub use crate::store::back_up;
+pub use crate::store::file_system::shared as shared_file_system;
 pub use crate::store::lock::{LockError, LockHolder};
-pub use crate::store::{AttemptRecord, EventRecord, LeafChange, MemberRecord, Reader, StepExplanation, StoreError};
+pub use crate::store::{
+    AttemptRecord, EventRecord, JobRecord, LeafChange, MemberRecord, Reader, StepExplanation, StoreError,
+};
+pub use driver::{DriverPlace, drive_here};
 pub use error::EngineError;
 pub use events::{EngineEvent, EventSender, PatientEnding, RunSummary};
 pub use step2::contraction;
@@ -72,6 +84,8 @@ pub struct RunOptions {
     pub executor: ExecutorSettings,
     /// The worker's executable; `None`: `cardiotwin-worker` beside our own.
     pub worker: Option<PathBuf>,
+    /// With a cluster: stay and tick until everything is over; else one tick.
+    pub watch: bool,
 }
 
 /// What became of a request.
@@ -99,6 +113,17 @@ pub enum Answer {
 /// [`EngineError`]: another coordinator holds the run, the store or a file system fails, a state is impossible. Never
 /// because of what a task did: that is in the summary.
 pub async fn run(options: RunOptions, events: EventSender, stop: StopSignal) -> Result<RunSummary, EngineError> {
+    if options.executor.kind == ExecutorKind::Slurm {
+        let (_lock, lease, run_dir) = enter_with_lease(&options.run_dir)?;
+        let worker = find_worker(options.worker.as_deref())?;
+        let program = std::env::current_exe().map_err(|source| EngineError::File {
+            what: "find",
+            path: "this program".into(),
+            source,
+        })?;
+        let crash = CrashPoints::from_environment();
+        return tick(options, (run_dir, lease), Installed, (worker, program), crash, events, stop).await;
+    }
     let (lock, run_dir) = enter(&options.run_dir)?;
     let workers = decide::workers(&options.executor);
     let summary = match options.executor.kind {
@@ -108,6 +133,7 @@ pub async fn run(options: RunOptions, events: EventSender, stop: StopSignal) -> 
         }
         // As many as fit in a commit: there is no process to wait for.
         ExecutorKind::InProcess => drive(options, &run_dir, InProcess::new(4096), events, stop).await,
+        ExecutorKind::Slurm => unreachable!("taken above"),
     };
     drop(lock);
     summary
@@ -120,6 +146,75 @@ async fn drive<E: Executor>(
     events: EventSender,
     stop: StopSignal,
 ) -> Result<RunSummary, EngineError> {
+    let (mut writer, mut world, decider) = open(&options, run_dir).await?;
+    if !world.jobs.rows.is_empty() {
+        let jobs = world.jobs.rows.values().map(|row| row.spec.elements.len()).sum::<usize>();
+        return Err(EngineError::OnCluster { jobs: format!("{jobs} jobs") });
+    }
+    let pid = std::process::id().to_string();
+    let host = crate::store::lock::host_name();
+    world.allocation = writer.open_allocation(executor.kind(), &pid, &host, world.now_ms).await?;
+    Drive::new(world, decider, writer, executor, options.executor, events, stop).run().await
+}
+
+/// A run on a cluster: one tick, or ticks until it is over. `programs` are worker and driver.
+async fn tick<S: Scheduler>(
+    options: RunOptions,
+    (run_dir, lease): (PathBuf, Lease),
+    scheduler: S,
+    programs: (PathBuf, PathBuf),
+    crash: CrashPoints,
+    events: EventSender,
+    stop: StopSignal,
+) -> Result<RunSummary, EngineError> {
+    let began = std::time::Instant::now();
+    let site = load_site(&options.executor.slurm)?;
+    let mut opened = open(&options, &run_dir).await?;
+    opened.0.under(lease);
+    let mut cluster = Cluster::new(opened, scheduler, site, options.executor, programs, events, crash).await?;
+    cluster.begin()?;
+    if options.watch {
+        cluster.watch(&stop).await?;
+    } else {
+        cluster.tick().await?;
+    }
+    let summary = cluster.summary(began, stop.level() > StopLevel::Run);
+    cluster.writer.close_file().await?;
+    Ok(summary)
+}
+
+/// Ends jobs of patients that nobody works on any more, and waits for the truth: `scancel` alone is a wish.
+///
+/// # Errors
+/// [`EngineError`]; what was committed stays.
+pub async fn end_unwanted_jobs(run_dir: &Path, stop: StopSignal) -> Result<(), EngineError> {
+    let (_lock, lease, run_dir) = enter_with_lease(run_dir)?;
+    let options = RunOptions {
+        run_dir: run_dir.clone(),
+        cohort_name: String::new(),
+        description: String::new(),
+        cohort_dir: PathBuf::new(),
+        patients: None,
+        only: Vec::new(),
+        executor: ExecutorSettings::default(),
+        worker: None,
+        watch: false,
+    };
+    let mut opened = open(&options, &run_dir).await?;
+    // Nobody is to be taken further: only ends are taken up.
+    opened.0.under(lease);
+    opened.1.patients.iter_mut().for_each(|patient| patient.selected = false);
+    let site = load_site(&options.executor.slurm)?;
+    let (events, _) = tokio::sync::mpsc::unbounded_channel();
+    let (nowhere, crash) = ((PathBuf::new(), PathBuf::new()), CrashPoints::from_environment());
+    let mut cluster = Cluster::new(opened, Installed, site, options.executor, nowhere, events, crash).await?;
+    cluster.begin()?;
+    cluster.end_jobs(&stop).await?;
+    Ok(cluster.writer.close_file().await?)
+}
+
+/// Store, mirror and decider of a run, with the cohort taken up.
+async fn open(options: &RunOptions, run_dir: &Path) -> Result<(Writer, World, Decider), EngineError> {
     let mut writer = Writer::open(run_dir).await?;
     let now_ms = clock::now_ms();
     let mut world = World::new(run_dir, writer.load().await?, now_ms)?;
@@ -141,9 +236,7 @@ async fn drive<E: Executor>(
     }
     decider.of = world.patients.iter().filter(|p| p.selected).count();
     decider.over = world.patients.iter().filter(|p| p.selected && p.row.state.is_final()).count();
-    let pid = std::process::id().to_string();
-    world.allocation = writer.open_allocation(executor.kind(), &pid, &crate::store::lock::host_name(), now_ms).await?;
-    Drive::new(world, decider, writer, executor, options.executor, events, stop).run().await
+    Ok((writer, world, decider))
 }
 
 /// The run directory, made if need be, absolute and locked.
@@ -152,6 +245,22 @@ fn enter(run_dir: &Path) -> Result<(RunLock, PathBuf), EngineError> {
     std::fs::create_dir_all(run_dir).map_err(file("make"))?;
     let run_dir = std::path::absolute(run_dir).map_err(file("find"))?;
     Ok((RunLock::acquire(&run_dir)?, run_dir))
+}
+
+/// As [`enter`], with a lease as well, which holds among hosts that share the run's file system; locks need not be known
+/// to it.
+fn enter_with_lease(run_dir: &Path) -> Result<(Option<RunLock>, Lease, PathBuf), EngineError> {
+    let file = |what| move |source| EngineError::File { what, path: run_dir.to_owned(), source };
+    std::fs::create_dir_all(run_dir).map_err(file("make"))?;
+    let run_dir = std::path::absolute(run_dir).map_err(file("find"))?;
+    let lock = match RunLock::acquire(&run_dir) {
+        Ok(lock) => Some(lock),
+        Err(LockError::Io { source, .. }) if source.kind() == std::io::ErrorKind::Unsupported => None,
+        Err(error) => return Err(error.into()),
+    };
+    let claim = dispatch::claim_of_this_process();
+    let lease = Lease::acquire(&run_dir, &claim, dispatch::lives_here, clock::now_ms())?;
+    Ok((lock, lease, run_dir))
 }
 
 /// The worker's executable: as named, else beside our own.

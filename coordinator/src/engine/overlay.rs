@@ -67,6 +67,15 @@ fn is_foundation(step: Step, best: Option<u32>) -> bool {
     !matches!(step.stage, Stage::Step1 | Stage::Step1Proposal) || best == Some(step.number)
 }
 
+/// Writes what was learned about a patient, if anything was.
+pub fn write_of(world: &World, patient_id: i64) -> Result<(), EngineError> {
+    let Some(i) = world.patients.iter().position(|p| p.row.id == patient_id) else { return Ok(()) };
+    match learned(world, i)? {
+        Some(learned) => write(&world.run_dir, learned),
+        None => Ok(()),
+    }
+}
+
 /// Writes the next version if it says something new; the versions before stay as `model.vN.toml`.
 pub fn write(run_dir: &Path, mut overlay: ModelOverlay) -> Result<(), EngineError> {
     let folder = run_dir.join("models").join(&overlay.patient);

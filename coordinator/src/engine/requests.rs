@@ -9,7 +9,9 @@ use cardiotwin_schemas::cohort::SettingsLayer;
 use cardiotwin_schemas::ids::PatientId;
 use serde::{Deserialize, Serialize};
 
-use super::EngineError;
+use super::decide::Decider;
+use super::world::World;
+use super::{EngineError, EngineEvent};
 use crate::clock;
 use crate::machine::patient::Stage;
 
@@ -78,6 +80,24 @@ pub fn pending(run_dir: &Path) -> Result<Vec<Pending>, EngineError> {
             (path, request)
         })
         .collect())
+}
+
+/// Makes the changes that were asked for; what to tell, and the files to remove once it is committed.
+pub fn take(world: &mut World, decider: &mut Decider) -> Result<(Vec<EngineEvent>, Vec<PathBuf>), EngineError> {
+    let (mut told, mut paths) = (Vec::new(), Vec::new());
+    for (path, request) in pending(&world.run_dir)? {
+        let text = match request {
+            Ok(request) => match decider.request(world, &request) {
+                Ok(changes) => changes.join("; "),
+                Err(EngineError::Request { message }) => format!("request refused: {message}"),
+                Err(other) => return Err(other),
+            },
+            Err(error) => format!("{} cannot be read: {error}", path.display()),
+        };
+        told.push(EngineEvent::Request { text });
+        paths.push(path);
+    }
+    Ok((told, paths))
 }
 
 /// Forgets requests that were taken up.

@@ -43,7 +43,7 @@ impl World {
             Patient::Waiting => shown.step = chain.steps().last().map_or(shown.step, |(step, _)| column(step)),
             Patient::Deciding { .. } => {}
             Patient::Working { step, task } => {
-                let (word, note) = self.at_work(task);
+                let (word, note) = self.at_work(patient.row.id, task);
                 shown.word = word.to_owned();
                 let proposes = note.is_empty() && step.stage == Stage::Step1Proposal;
                 shown.note = if proposes { "proposing the next parameters".to_owned() } else { note };
@@ -69,8 +69,13 @@ impl World {
     }
 
     /// How it stands with a wanted task, in a word and a note.
-    fn at_work(&self, key: &TaskKey) -> (&'static str, String) {
+    fn at_work(&self, patient_id: i64, key: &TaskKey) -> (&'static str, String) {
         let Some(task) = self.tasks.get(key) else { return ("waiting", String::new()) };
+        if let Some((word, note)) = self.jobs.note(patient_id) {
+            // In a job that runs, a patient whose turn has not come waits.
+            let begun = matches!(task.state, Task::Attempting { .. }) || word != "running";
+            return if begun { (word, note) } else { ("waiting", format!("{note}, for its turn")) };
+        }
         match &task.state {
             Task::Attempting { generation, .. } => {
                 let attempt = AttemptId { task: key.clone(), generation: *generation };
@@ -80,7 +85,10 @@ impl World {
                     _ => ("running", again),
                 }
             }
-            Task::Open { .. } => ("waiting", "for a free worker".to_owned()),
+            Task::Open { .. } => match &self.jobs.holds {
+                Some(holds) => ("waiting", holds.clone()),
+                None => ("waiting", "for a free worker".to_owned()),
+            },
             Task::Published { .. } | Task::Failed { .. } => ("waiting", String::new()),
         }
     }

@@ -61,6 +61,7 @@ pub fn calcium(
                  step2.parameters"
                     .to_owned(),
             ),
+            cause: None,
         }),
     }
 }

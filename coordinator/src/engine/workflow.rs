@@ -317,6 +317,7 @@ impl<'a> Derivation<'a, '_> {
                 class: FailureClass::Numerics,
                 message: format!("no simulation of step 1 succeeded: {}", why_none(&runs)),
                 remedy: Some("rerun from step1 with other initial values or bounds".into()),
+                cause: None,
             };
             return Err(Next::Failed { step: last, failure });
         };

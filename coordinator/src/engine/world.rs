@@ -16,6 +16,7 @@ use super::EngineError;
 pub use super::entries::AttemptEntry;
 use super::entries::{PatientEntry, TaskEntry};
 use super::workflow::Settled;
+pub use super::world_jobs::Jobs;
 use crate::machine::chain::Chain;
 use crate::machine::job::{Attempt, AttemptAction, AttemptEvent};
 use crate::machine::patient::{Patient, PatientAction, PatientEvent, Step};
@@ -38,6 +39,9 @@ pub struct World {
     pub ready: BTreeSet<(i64, TaskKey)>,
     /// Actions of committed batches that are still to be done, oldest first.
     pub outbox: Vec<(i64, Action)>,
+    /// Jobs of a cluster.
+    pub jobs: Jobs,
+    pub by_id: HashMap<i64, usize>,
     pub allocation: i64,
     pub now_ms: i64,
     fresh_actions: Vec<Action>,
@@ -50,7 +54,7 @@ pub struct World {
 }
 
 /// Where an attempt's files lie, relative to the run directory.
-fn attempt_directory(attempt: &AttemptId) -> String {
+pub(super) fn attempt_directory(attempt: &AttemptId) -> String {
     let key = attempt.task.as_str();
     format!("attempts/{}/{}-g{}", &key[..2], &key[..16], attempt.generation)
 }
@@ -107,6 +111,8 @@ impl World {
         Ok(Self {
             run_dir: run_dir.to_owned(),
             by_name: patients.iter().enumerate().map(|(i, p)| (p.row.patient.clone(), i)).collect(),
+            by_id: patients.iter().enumerate().map(|(i, p)| (p.row.id, i)).collect(),
+            jobs: Jobs::new(loaded.jobs, loaded.allotments),
             next_patient: patients.iter().map(|p| p.row.id).max().unwrap_or(0) + 1,
             next_action: loaded.outbox.iter().map(|(id, _)| *id).max().unwrap_or(0) + 1,
             outbox: loaded.outbox,
@@ -150,6 +156,7 @@ impl World {
         self.next_patient += 1;
         let i = self.patients.len();
         self.by_name.insert(name.to_owned(), i);
+        self.by_id.insert(id, i);
         self.patients.push(PatientEntry {
             row: PatientRow {
                 id,
@@ -346,6 +353,11 @@ impl World {
         Ok(id)
     }
 
+    /// Takes back the wish to hand an attempt over: a job of a cluster has begun it.
+    pub(super) fn drop_submission(&mut self, id: &AttemptId) {
+        self.fresh_actions.retain(|action| !matches!(action, Action::Submit { attempt } if attempt == id));
+    }
+
     /// Remembers who claimed an attempt.
     pub fn claimed(&mut self, id: &AttemptId, claim: Claim) {
         if let Some(attempt) = self.attempts.get_mut(id) {
@@ -369,7 +381,7 @@ impl World {
         self.dirty_patients.insert(i);
     }
 
-    fn log<E: Serialize>(
+    pub(super) fn log<E: Serialize>(
         &mut self,
         machine: &'static str,
         patient_id: Option<i64>,
@@ -411,6 +423,9 @@ impl World {
                 self.attempts.remove(&id);
             }
         }
+        let mut batch = std::mem::take(&mut self.batch);
+        self.flush_jobs(&mut batch);
+        self.batch = batch;
         for action in std::mem::take(&mut self.fresh_actions) {
             self.batch.put_action(&NewAction { id: self.next_action, at_ms: self.now_ms, action: &action });
             self.outbox.push((self.next_action, action));

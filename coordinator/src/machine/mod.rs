@@ -8,6 +8,7 @@
 //! doubled, lost and found) never are, and change nothing that they should not.
 
 pub mod chain;
+pub mod cluster_job;
 pub mod job;
 pub mod judge;
 pub mod patient;

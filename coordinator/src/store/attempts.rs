@@ -89,3 +89,6 @@ INSERT INTO allocations (kind, external_id, host, opened_ms) VALUES (?1, ?2, ?3,
 /// Also closes those whose coordinator could not: there is one writer, so none of them is alive.
 pub(super) const CLOSE_ALLOCATIONS: &str =
     "UPDATE allocations SET closed_ms = ?1 WHERE closed_ms IS NULL AND kind = ?2";
+
+pub(super) const OPEN_CLUSTER: &str =
+    "SELECT id FROM allocations WHERE kind = 'slurm' AND closed_ms IS NULL ORDER BY id LIMIT 1";

@@ -5,7 +5,7 @@
 
 use serde::Serialize;
 
-use super::{StoreError, attempts, events, outbox, patients, steps, tasks};
+use super::{StoreError, attempts, cluster_jobs, events, outbox, patients, steps, tasks};
 
 /// Rows of one statement.
 #[derive(Debug, Default)]
@@ -46,6 +46,10 @@ pub struct Batch {
     pub(super) attempts: Rows,
     pub(super) events: Rows,
     pub(super) outbox: Rows,
+    pub(super) new_jobs: Rows,
+    pub(super) jobs: Rows,
+    pub(super) allotments: Rows,
+    pub(super) meta: Rows,
     pub(super) done: Vec<i64>,
 }
 
@@ -65,6 +69,10 @@ impl Batch {
             &self.attempts,
             &self.events,
             &self.outbox,
+            &self.new_jobs,
+            &self.jobs,
+            &self.allotments,
+            &self.meta,
         ];
         rows.iter().all(|rows| rows.count == 0) && self.done.is_empty()
     }
@@ -124,6 +132,26 @@ impl Batch {
         self.outbox.push(row);
     }
 
+    /// A job of a cluster whose name becomes durable.
+    pub fn insert_job(&mut self, row: &cluster_jobs::JobRow) {
+        self.new_jobs.push(row);
+    }
+
+    /// A job that changed; guarded as patients are.
+    pub fn update_job(&mut self, row: &cluster_jobs::JobRow) {
+        self.jobs.push(row);
+    }
+
+    /// What a patient's next job is given.
+    pub fn put_allotment(&mut self, row: &cluster_jobs::AllotmentRow<'_>) {
+        self.allotments.push(row);
+    }
+
+    /// A single value.
+    pub fn put_meta(&mut self, key: &str, value: &str) {
+        self.meta.push(&serde_json::json!({ "key": key, "value": value }));
+    }
+
     /// Actions that were done.
     pub fn actions_done(&mut self, ids: impl IntoIterator<Item = i64>) {
         self.done.extend(ids);
@@ -148,6 +176,10 @@ impl Batch {
         add(&mut self.attempts, attempts::UPDATE, Some("attempts"));
         add(&mut self.events, events::INSERT, None);
         add(&mut self.outbox, outbox::INSERT, None);
+        add(&mut self.new_jobs, cluster_jobs::INSERT, None);
+        add(&mut self.jobs, cluster_jobs::UPDATE, Some("jobs"));
+        add(&mut self.allotments, cluster_jobs::PUT_ALLOTMENT, None);
+        add(&mut self.meta, cluster_jobs::PUT_META, None);
         if !self.done.is_empty() {
             let json = serde_json::to_string(&std::mem::take(&mut self.done)).expect("numbers are JSON");
             statements.push(Statement { sql: outbox::DONE, json, guard: None });

@@ -88,6 +88,25 @@ pub enum StoreError {
         /// Rows that changed.
         changed: u64,
     },
+    /// Another coordinator took the lease: this one slept, or its host was cut off.
+    #[error(
+        "this coordinator's lease (generation {generation}) is over, generation {now} is the present one: nothing was committed; \
+         what it began is taken up by the other"
+    )]
+    LeaseLost {
+        /// Ours.
+        generation: u64,
+        /// The present one.
+        now: u64,
+    },
+    /// A copy that does not hold together.
+    #[error("the copy {file} is damaged ({found}): nothing was kept; is the disk full or failing?")]
+    BadCopy {
+        /// The copy.
+        file: PathBuf,
+        /// What SQLite's check found.
+        found: String,
+    },
     /// No such patient in the run.
     #[error("no patient {patient} in this run; known are {known}")]
     NoPatient {

@@ -1,4 +1,4 @@
-//! All SQL: SQLite on a local disk, one writer ([`Writer`]), any number of readers ([`Reader`]).
+//! All SQL: SQLite, one writer ([`Writer`]), any number of readers ([`Reader`]).
 //!
 //! One transaction ([`Batch`]) appends the events, updates the rows guarded by their versions, and puts actions in the
 //! outbox. Actions run after the commit; a worker never opens the database.
@@ -6,8 +6,11 @@
 pub mod attempts;
 mod batch;
 mod before;
+pub mod cluster_jobs;
 mod error;
 pub mod events;
+pub mod file_system;
+pub mod lease;
 pub mod lock;
 mod open;
 pub mod outbox;
@@ -22,8 +25,9 @@ mod view;
 mod writer;
 
 pub use batch::Batch;
+pub use cluster_jobs::JobRecord;
 pub use error::StoreError;
-pub use open::DATABASE_FILE;
+pub use open::{DATABASE_FILE, SNAPSHOT_FILE, back_up};
 pub use reader::Reader;
 pub use record::MemberRecord;
 pub use view::{AttemptRecord, EventRecord, LeafChange, StepExplanation, leaf_changes};

@@ -6,14 +6,16 @@ use std::time::Duration;
 use sqlx::sqlite::{SqliteConnectOptions, SqliteConnection, SqliteJournalMode, SqliteSynchronous};
 use sqlx::{ConnectOptions as _, Connection as _};
 
-use super::StoreError;
+use super::{StoreError, file_system};
 
 /// File name inside the run directory.
 pub const DATABASE_FILE: &str = "cardiotwin.db";
+/// What readers read where locks are not to be relied on.
+pub const SNAPSHOT_FILE: &str = "cardiotwin.snapshot.db";
 /// `CTWN`: marks the file as ours.
 const APPLICATION_ID: i64 = 1_129_600_846;
 /// The format that this version reads and writes; older ones are brought up to it by `migrations/`.
-pub const FORMAT: i64 = 1;
+pub const FORMAT: i64 = 2;
 
 /// Rows that SQLite's thread may be ahead of whoever reads them: few, and both spend their time waking each other.
 const ROWS_IN_FLIGHT: usize = 4096;
@@ -28,13 +30,16 @@ fn sql<'a>(file: &'a Path, what: &'static str) -> impl Fn(sqlx::Error) -> StoreE
 }
 
 /// Opens the database for its one writer, making it if there is none.
-pub async fn writable(run_dir: &Path) -> Result<SqliteConnection, StoreError> {
+///
+/// `shared`: other hosts may have the same files open. A write-ahead log lives in memory that hosts do not share, so that
+/// a rollback journal is kept there.
+pub async fn writable(run_dir: &Path, shared: bool) -> Result<SqliteConnection, StoreError> {
     let file = run_dir.join(DATABASE_FILE);
     let options = SqliteConnectOptions::new()
         .filename(&file)
         .create_if_missing(true)
         // Every commit is on disk before an action runs: intents are written before they are acted on.
-        .journal_mode(SqliteJournalMode::Wal)
+        .journal_mode(if shared { SqliteJournalMode::Delete } else { SqliteJournalMode::Wal })
         .synchronous(SqliteSynchronous::Full)
         .busy_timeout(Duration::from_secs(10))
         .foreign_keys(true)
@@ -126,6 +131,14 @@ pub async fn readable(run_dir: &Path) -> Result<ReadOnly, StoreError> {
     if !file.exists() {
         return Err(StoreError::Missing { file });
     }
+    let snapshot = run_dir.join(SNAPSHOT_FILE);
+    if snapshot.exists() && file_system::shared(run_dir).is_some() {
+        let mut connection = connect_to_read(&snapshot, true).await?;
+        return match recognise(&mut connection, &snapshot).await? {
+            FORMAT => Ok(ReadOnly { connection, _copy: None }),
+            found => Err(StoreError::Older { file: snapshot, found, known: FORMAT }),
+        };
+    }
     let (mut connection, copy) = match connect_to_read(&file, false).await {
         Ok(connection) => (connection, None),
         Err(error @ (StoreError::NotOurs { .. } | StoreError::Corrupted { .. })) => return Err(error),
@@ -171,6 +184,68 @@ fn private_copy(file: &Path, log: &Path) -> Result<tempfile::TempDir, StoreError
     std::fs::copy(file, copy.path().join(DATABASE_FILE)).map_err(failed(file))?;
     std::fs::copy(log, copy.path().join(format!("{DATABASE_FILE}-wal"))).map_err(failed(log))?;
     Ok(copy)
+}
+
+/// Copies the database to `target`, which appears whole: by rename.
+pub async fn copy_to(connection: &mut SqliteConnection, target: &Path) -> Result<(), StoreError> {
+    let file = |what, path: &Path| {
+        let file = path.to_owned();
+        move |source| StoreError::File { what, file, source }
+    };
+    let draft = target.with_extension("new");
+    match std::fs::remove_file(&draft) {
+        Err(error) if error.kind() != std::io::ErrorKind::NotFound => return Err(file("remove", &draft)(error)),
+        _ => {}
+    }
+    sqlx::query("VACUUM INTO ?1")
+        .bind(draft.to_string_lossy().into_owned())
+        .execute(&mut *connection)
+        .await
+        .map_err(sql(&draft, "copying to"))?;
+    std::fs::File::open(&draft).and_then(|copy| copy.sync_all()).map_err(file("write", &draft))?;
+    std::fs::rename(&draft, target).map_err(file("write", target))
+}
+
+/// What a copy holds, to be compared with what it was made from.
+async fn contents(connection: &mut SqliteConnection, file: &Path) -> Result<(i64, i64, i64), StoreError> {
+    sqlx::query_as(
+        "SELECT (SELECT count(*) FROM events), (SELECT count(*) FROM tasks WHERE word = 'published'), (SELECT count(*) FROM patients)",
+    )
+    .fetch_one(connection)
+    .await
+    .map_err(sql(file, "reading"))
+}
+
+/// Copies a run's database to `target`, beside a running coordinator, and checks the copy; its size in bytes.
+///
+/// # Errors
+/// [`StoreError::BadCopy`] where the copy does not hold together; the others.
+pub async fn back_up(run_dir: &Path, target: &Path) -> Result<u64, StoreError> {
+    let mut from = readable(run_dir).await?;
+    let unchecked = target.with_extension("unchecked");
+    copy_to(&mut from.connection, &unchecked).await?;
+    let before = contents(&mut from.connection, &run_dir.join(DATABASE_FILE)).await?;
+    let mut copy = connect_to_read(&unchecked, true).await?;
+    let found: String = sqlx::query_scalar("PRAGMA integrity_check(1)")
+        .fetch_one(&mut copy)
+        .await
+        .map_err(sql(&unchecked, "checking"))?;
+    let after = contents(&mut copy, &unchecked).await?;
+    let failed = |what| {
+        let file = target.to_owned();
+        move |source| StoreError::File { what, file, source }
+    };
+    // A running coordinator may have added to what was copied, never taken from it.
+    let whole = after.0 <= before.0 && after.1 <= before.1 && after.2 <= before.2;
+    if found != "ok" || !whole {
+        let _ = std::fs::remove_file(&unchecked);
+        return Err(StoreError::BadCopy {
+            file: target.to_owned(),
+            found: format!("{found}; {after:?} of {before:?}"),
+        });
+    }
+    std::fs::rename(&unchecked, target).map_err(failed("write"))?;
+    Ok(target.metadata().map_err(failed("read"))?.len())
 }
 
 /// Closes a writer's connection: the log is folded in and removed.

@@ -17,6 +17,25 @@ pub enum Action {
         /// Which.
         attempt: AttemptId,
     },
+    /// Submit a job to the cluster, unless its folder says that this was begun before.
+    SubmitJob {
+        /// Its name.
+        job: String,
+    },
+    /// Fence an element of a job: it begins and publishes nothing more.
+    FenceJob {
+        /// The job's name.
+        job: String,
+        /// Which.
+        element: usize,
+    },
+    /// Cancel an element of a job at the scheduler.
+    CancelJob {
+        /// The job's name.
+        job: String,
+        /// Which.
+        element: usize,
+    },
     /// Write a patient's `model.toml`.
     WriteOverlay {
         /// Whose.

@@ -9,18 +9,19 @@ use cardiotwin_schemas::failure::Failure;
 use cardiotwin_schemas::ids::{PatientId, TaskKey};
 use cardiotwin_schemas::plan::ResolvedPatient;
 use cardiotwin_schemas::record::{PatientRecord, RunRecord};
-use cardiotwin_schemas::status::{PatientStatus, Status};
+use cardiotwin_schemas::status::{ClusterStatus, PatientStatus, Status};
 use sqlx::Row as _;
 use sqlx::sqlite::SqliteRow;
 use tokio::sync::Mutex;
 
 use super::before::{self, Was};
+use super::cluster_jobs::{self, Allotment, ClusterReport, JobRecord, REPORT};
 use super::open::{DATABASE_FILE, ReadOnly, VERSION};
 use super::patients::PatientRow;
 use super::record::{self, MemberRecord, Settled};
 use super::view::{self, AttemptRecord, EventRecord, StepExplanation};
 use super::writer::{parse, patient_row};
-use super::{StoreError, attempts, events, lock, open, patients, steps};
+use super::{StoreError, attempts, events, lease, lock, open, patients, steps, writer};
 use crate::clock;
 use crate::machine::chain::Chain;
 use crate::machine::patient::{Patient, Stage, Step};
@@ -77,10 +78,28 @@ impl Reader {
             schema_version: SCHEMA_VERSION,
             cohort: self.meta("cohort").await?,
             as_of: clock::utc_text(now_ms),
-            coordinator_running: lock::is_held(&self.run_dir),
+            coordinator_running: lock::is_held(&self.run_dir) || lease::holder(&self.run_dir).is_some(),
             counts,
             patients,
+            cluster: self.cluster(now_ms).await?,
         })
+    }
+
+    /// Jobs on a cluster, where the run ever had any.
+    async fn cluster(&self, now_ms: i64) -> Result<Option<ClusterStatus>, StoreError> {
+        let Ok(report) = serde_json::from_str::<ClusterReport>(&self.meta(REPORT).await?) else { return Ok(None) };
+        let mut jobs = Vec::new();
+        for row in self.rows(cluster_jobs::SELECT_ALL, None).await? {
+            jobs.push(writer::job_row(&row)?);
+        }
+        let names = self.names().await?;
+        Ok(Some(cluster_jobs::status(&report, &jobs, &names, now_ms)))
+    }
+
+    /// Patients by their identity inside the store.
+    async fn names(&self) -> Result<HashMap<i64, String>, StoreError> {
+        let rows = self.rows("SELECT id, patient FROM patients", None).await?;
+        Ok(rows.into_iter().map(|row| (row.get(0), row.get(1))).collect())
     }
 
     /// Everything that reports and exports read.
@@ -230,6 +249,24 @@ impl Reader {
         }
         found.sort_by_key(|(step, attempt)| (*step, attempt.generation));
         Ok(found.into_iter().map(|(_, attempt)| attempt).collect())
+    }
+
+    /// Jobs of a cluster that a patient was in, oldest first, and why its next one is given something else.
+    ///
+    /// # Errors
+    /// As [`Reader::patient_record`].
+    pub async fn jobs(&self, patient: &PatientId) -> Result<(Vec<JobRecord>, String), StoreError> {
+        let id = self.find(patient).await?.id;
+        let rows = self.rows(cluster_jobs::SELECT_ALL, None).await?;
+        let jobs = rows.iter().map(writer::job_row).collect::<Result<Vec<_>, _>>()?;
+        let mut why = String::new();
+        for row in self.rows(cluster_jobs::SELECT_ALLOTMENTS, None).await? {
+            if row.get::<i64, _>(0) == id {
+                let allotment: Allotment = parse(row.get(1), "allotments", "allotment", &patient)?;
+                why = allotment.why;
+            }
+        }
+        Ok((cluster_jobs::of_patient(&jobs, id, &self.run_dir), why))
     }
 
     /// What reruns changed for a patient: tables of `cohort.toml`, on top of every other layer.

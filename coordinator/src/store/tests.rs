@@ -68,7 +68,7 @@ async fn a_database_of_a_newer_version_is_refused_with_both_versions_and_left_al
     let before = std::fs::read(dir.path().join(DATABASE_FILE)).unwrap();
     for error in [Writer::open(dir.path()).await.err(), Reader::open(dir.path()).await.err()] {
         let text = error.expect("refused").to_string();
-        for part in ["format 7", "9.1.0", env!("CARGO_PKG_VERSION"), "formats up to 1"] {
+        for part in ["format 7", "9.1.0", env!("CARGO_PKG_VERSION"), "formats up to 2"] {
             assert!(text.contains(part), "{part} is missing: {text}");
         }
     }

@@ -10,11 +10,14 @@ use sqlx::{Connection as _, Row as _};
 
 use super::attempts::AttemptRow;
 use super::batch::Batch;
+use super::cluster_jobs::{Allotment, JobRow};
+use super::lease::Lease;
 use super::open::DATABASE_FILE;
 use super::outbox::Action;
 use super::patients::{PatientRow, PlanRow, Shown};
 use super::tasks::TaskRow;
-use super::{StoreError, attempts, open, outbox, patients, steps, tasks};
+use super::{StoreError, attempts, cluster_jobs, file_system, open, outbox, patients, steps, tasks};
+use crate::clock;
 use crate::machine::chain::Chain;
 use crate::machine::patient::{Stage, Step};
 
@@ -23,6 +26,9 @@ use crate::machine::patient::{Stage, Step};
 pub struct Writer {
     file: PathBuf,
     connection: SqliteConnection,
+    lease: Option<Lease>,
+    /// The shared file system that the run lies on.
+    shared: Option<&'static str>,
 }
 
 /// What a store holds when a coordinator begins.
@@ -40,6 +46,10 @@ pub struct Loaded {
     pub steps: HashMap<i64, HashMap<Step, TaskKey>>,
     /// Actions that were decided and perhaps not done.
     pub outbox: Vec<(i64, Action)>,
+    /// Jobs of a cluster that are not over.
+    pub jobs: Vec<JobRow>,
+    /// What patients' next jobs are given.
+    pub allotments: HashMap<i64, Allotment>,
 }
 
 impl Writer {
@@ -48,7 +58,32 @@ impl Writer {
     /// # Errors
     /// [`StoreError`] naming what is wrong with the file; nothing was changed then.
     pub async fn open(run_dir: &Path) -> Result<Self, StoreError> {
-        Ok(Self { file: run_dir.join(DATABASE_FILE), connection: open::writable(run_dir).await? })
+        let shared = file_system::shared(run_dir);
+        let connection = open::writable(run_dir, shared.is_some()).await?;
+        Ok(Self { file: run_dir.join(DATABASE_FILE), connection, lease: None, shared })
+    }
+
+    /// Commits from now on only while this lease holds.
+    pub fn under(&mut self, lease: Lease) {
+        self.lease = Some(lease);
+    }
+
+    /// The shared file system that the run lies on, where it is none of this host's.
+    #[must_use]
+    pub fn shared_file_system(&self) -> Option<&'static str> {
+        self.shared
+    }
+
+    /// Where locks of the file system are not to be relied on, readers read a copy: published by rename.
+    ///
+    /// # Errors
+    /// The store's.
+    pub async fn publish_snapshot(&mut self) -> Result<(), StoreError> {
+        if self.shared.is_none() {
+            return Ok(());
+        }
+        let folder = self.file.parent().unwrap_or(&self.file).to_owned();
+        open::copy_to(&mut self.connection, &folder.join(open::SNAPSHOT_FILE)).await
     }
 
     /// Commits a batch: all of it or nothing.
@@ -57,6 +92,9 @@ impl Writer {
     /// [`StoreError::Guard`] when a row is not as this writer left it, [`StoreError::DiskFull`], and the others.
     pub async fn commit(&mut self, batch: &mut Batch) -> Result<(), StoreError> {
         let failed = |source| StoreError::from_sqlite(self.file.clone(), "committing", source);
+        if let Some(lease) = &mut self.lease {
+            lease.check(clock::now_ms())?;
+        }
         let statements = batch.statements();
         let mut transaction = self.connection.begin_with("BEGIN IMMEDIATE").await.map_err(failed)?;
         for statement in &statements {
@@ -65,6 +103,15 @@ impl Writer {
             statement.check(done.rows_affected())?;
         }
         transaction.commit().await.map_err(failed)
+    }
+
+    /// All single values.
+    ///
+    /// # Errors
+    /// The store's.
+    pub async fn meta(&mut self) -> Result<HashMap<String, String>, StoreError> {
+        let rows = self.rows("SELECT key, value FROM meta").await?;
+        Ok(rows.into_iter().map(|row| (row.get(0), row.get(1))).collect())
     }
 
     /// Sets single values.
@@ -113,6 +160,29 @@ impl Writer {
         Ok(inserted.last_insert_rowid())
     }
 
+    /// The allocation of all jobs of a cluster: each attempt says itself in which job it ran.
+    ///
+    /// # Errors
+    /// The store's.
+    pub async fn cluster_allocation(&mut self, host: &str, at_ms: i64) -> Result<i64, StoreError> {
+        let failed = |source| StoreError::from_sqlite(self.file.clone(), "reading", source);
+        let open =
+            sqlx::query_scalar(attempts::OPEN_CLUSTER).fetch_optional(&mut self.connection).await.map_err(failed)?;
+        match open {
+            Some(id) => Ok(id),
+            None => self.open_allocation("slurm", "", host, at_ms).await,
+        }
+    }
+
+    /// Closes the database alone: jobs of a cluster live on.
+    ///
+    /// # Errors
+    /// The store's; what was committed stays.
+    pub async fn close_file(mut self) -> Result<(), StoreError> {
+        self.publish_snapshot().await?;
+        open::close(self.connection, &self.file).await
+    }
+
     /// Closes the allocation of this coordinator and the database.
     ///
     /// # Errors
@@ -120,6 +190,7 @@ impl Writer {
     pub async fn close(mut self, kind: &str, at_ms: i64) -> Result<(), StoreError> {
         let closed =
             sqlx::query(attempts::CLOSE_ALLOCATIONS).bind(at_ms).bind(kind).execute(&mut self.connection).await;
+        self.publish_snapshot().await?;
         open::close(self.connection, &self.file).await?;
         closed.map(|_| ()).map_err(|source| StoreError::from_sqlite(self.file, "closing", source))
     }
@@ -137,9 +208,7 @@ impl Writer {
     /// The store's.
     pub async fn load(&mut self) -> Result<Loaded, StoreError> {
         let mut loaded = Loaded::default();
-        for row in self.rows("SELECT key, value FROM meta").await? {
-            loaded.meta.insert(row.get(0), row.get(1));
-        }
+        loaded.meta = self.meta().await?;
         let mut plans: HashMap<i64, (PlanRow, Chain)> = HashMap::new();
         for row in self.rows(patients::SELECT_PLANS).await? {
             let (patient_id, chain): (i64, String) = (row.get(0), row.get(5));
@@ -173,6 +242,13 @@ impl Writer {
             let (id, action): (i64, String) = (row.get(0), row.get(1));
             loaded.outbox.push((id, parse(&action, "outbox", "action", &id)?));
         }
+        for row in self.rows(cluster_jobs::SELECT_AT_WORK).await? {
+            loaded.jobs.push(job_row(&row)?);
+        }
+        for row in self.rows(cluster_jobs::SELECT_ALLOTMENTS).await? {
+            let (patient, allotment): (i64, String) = (row.get(0), row.get(1));
+            loaded.allotments.insert(patient, parse(&allotment, "allotments", "allotment", &patient)?);
+        }
         Ok(loaded)
     }
 
@@ -191,6 +267,21 @@ pub(super) fn parse<T: DeserializeOwned>(
     row: &dyn std::fmt::Display,
 ) -> Result<T, StoreError> {
     serde_json::from_str(text).map_err(|source| StoreError::Content { table, column, row: row.to_string(), source })
+}
+
+pub(super) fn job_row(row: &SqliteRow) -> Result<JobRow, StoreError> {
+    let name: String = row.get("name");
+    let column = |column: &'static str| -> String { row.get(column) };
+    let state: crate::machine::cluster_job::ClusterJob = parse(&column("state"), "jobs", "state", &name)?;
+    Ok(JobRow {
+        version: row.get("version"),
+        over: false,
+        spec: parse(&column("spec"), "jobs", "spec", &name)?,
+        seen: parse(&column("seen"), "jobs", "seen", &name)?,
+        intended_ms: row.get("intended_ms"),
+        state,
+        name,
+    })
 }
 
 pub(super) fn patient_row(row: &SqliteRow) -> Result<PatientRow, StoreError> {

@@ -10,9 +10,9 @@ use crate::cli::error::CliError;
 use crate::cli::exit::Exit;
 use crate::cli::place::OfCohort;
 use crate::cli::store::{open, stored_overrides};
-use crate::cli::table::Columns;
+use crate::cli::table::{Columns, duration};
 use crate::cli::talk::{Talk, Tone};
-use crate::engine::{LeafChange, StepExplanation};
+use crate::engine::{JobRecord, LeafChange, StepExplanation};
 use crate::input::{self, Options, Patient, Report};
 
 /// Why a patient's tasks are what they are: what waits for what, which input changed and where it is set
@@ -36,8 +36,13 @@ pub async fn execute(args: &ExplainArgs, talk: &Talk) -> Result<Exit, CliError> 
     let reader = open(&folders).await?;
     let id = PatientId(args.patient.clone());
     let steps = reader.explain(&id).await?;
+    let (jobs, why) = reader.jobs(&id).await?;
     if args.json {
-        talk.json(&steps)?;
+        if jobs.is_empty() {
+            talk.json(&steps)?;
+        } else {
+            talk.json(&serde_json::json!({ "steps": steps, "jobs": jobs, "next_job": why }))?;
+        }
         return Ok(Exit::Ok);
     }
     let record = reader.patient_record(&id).await?;
@@ -56,12 +61,28 @@ pub async fn execute(args: &ExplainArgs, talk: &Talk) -> Result<Exit, CliError> 
         let remedy = failure.remedy.as_deref().map(|remedy| format!("; {remedy}")).unwrap_or_default();
         talk.data(&format!("held by a failure [{}]: {}{remedy}\n", failure.class.as_str(), failure.message))?;
     }
+    talk.data(&of_jobs(&jobs, &why, talk))?;
     let mut files: Vec<(&str, PathBuf)> = Vec::new();
     for file in [&record.plan.step0.pressure, &record.plan.step0.volume].into_iter().flatten() {
         files.push((&file.name, file.path.clone()));
     }
     talk.data(&text(&steps, patient.as_ref(), &files, talk))?;
     Ok(Exit::Ok)
+}
+
+/// Jobs that the patient was in, and what followed from the last.
+fn of_jobs(jobs: &[JobRecord], why: &str, talk: &Talk) -> String {
+    if jobs.is_empty() {
+        return String::new();
+    }
+    let mut table = Columns::new(talk, &["JOB", "STATE", ">RAN", "NODES", "WHY"]);
+    for job in jobs {
+        let ran = job.elapsed_s.map_or("-".to_owned(), |s| duration(s as f64));
+        let nodes = if job.nodes.is_empty() { "-".to_owned() } else { job.nodes.clone() };
+        table.row([job.id.clone(), job.state.clone(), ran, nodes, job.why.clone()]);
+    }
+    let next = if why.is_empty() { String::new() } else { format!("tried again: {why}\n") };
+    format!("{}{next}\n", table.text())
 }
 
 /// The table of steps, and below it what changed.

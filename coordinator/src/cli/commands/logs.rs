@@ -14,7 +14,7 @@ use crate::cli::exit::Exit;
 use crate::cli::place::OfCohort;
 use crate::cli::store::open;
 use crate::cli::talk::Talk;
-use crate::engine::AttemptRecord;
+use crate::engine::{AttemptRecord, JobRecord};
 
 /// What the workers of a patient said
 #[derive(Debug, Args)]
@@ -46,6 +46,15 @@ pub async fn execute(args: &LogsArgs, talk: &Talk) -> Result<Exit, CliError> {
     let mut last_heading: Option<PathBuf> = None;
     loop {
         let attempts = reader.attempts(&id).await?;
+        for job in last_jobs(&reader.jobs(&id).await?.0, args.all) {
+            for path in logs_of(job) {
+                let seen = shown.entry(path.clone()).or_default();
+                let text = new_text(&path, seen)?;
+                if !text.is_empty() {
+                    talk.data(&format!("==> job {}, {}: {} <==\n{text}", job.id, job.state, path.display()))?;
+                }
+            }
+        }
         if attempts.is_empty() && !args.follow {
             talk.say(&format!("no attempt at any task of {id} yet"));
         }
@@ -71,6 +80,20 @@ pub async fn execute(args: &LogsArgs, talk: &Talk) -> Result<Exit, CliError> {
         }
         tokio::time::sleep(Duration::from_millis(500)).await;
     }
+}
+
+/// The last job of a patient's, or all.
+fn last_jobs(jobs: &[JobRecord], all: bool) -> &[JobRecord] {
+    &jobs[if all { 0 } else { jobs.len().saturating_sub(1) }..]
+}
+
+/// What a job's script and driver said.
+fn logs_of(job: &JobRecord) -> Vec<PathBuf> {
+    let end = job.element.map_or_else(|| ".log".to_owned(), |element| format!("_{element}.log"));
+    let entries = std::fs::read_dir(&job.folder).into_iter().flatten().flatten().map(|entry| entry.path());
+    let mut logs: Vec<PathBuf> = entries.filter(|path| path.to_string_lossy().ends_with(&end)).collect();
+    logs.sort();
+    logs
 }
 
 fn heading(attempt: &AttemptRecord, path: &Path) -> String {

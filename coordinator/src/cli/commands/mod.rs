@@ -1,5 +1,7 @@
 //! One file per command: arguments, and what they do.
 
+pub mod advance;
+pub mod backup;
 pub mod bench;
 pub mod cancel;
 pub mod check;
@@ -7,6 +9,7 @@ pub mod compare;
 pub mod completions;
 pub mod config;
 pub mod discover;
+pub mod drive;
 pub mod explain;
 pub mod export;
 pub mod fit;

@@ -1,5 +1,6 @@
 //! `cardiotwin retry`: the same task again, with the same settings.
 
+use cardiotwin_schemas::failure::{Failure, SiteCause};
 use cardiotwin_schemas::ids::PatientId;
 use clap::Args;
 
@@ -21,8 +22,31 @@ pub struct RetryArgs {
     /// Those of all failed patients
     #[arg(long)]
     failed: bool,
+    /// With --failed: those of this class only
+    #[arg(long, value_name = "CLASS", requires = "failed", value_parser = CLASSES)]
+    class: Option<String>,
     #[command(flatten)]
     of: OfCohort,
+}
+
+/// Classes of failures, the site's by what jobs died of.
+const CLASSES: [&str; 11] = [
+    "input",
+    "site",
+    "numerics",
+    "bug",
+    "walltime",
+    "oom",
+    "node",
+    "preemption",
+    "cancelled",
+    "refused",
+    "unexplained",
+];
+
+fn is_of(failure: &Failure, class: &str) -> bool {
+    let cause = SiteCause::ALL.iter().find(|(cause, _)| Some(*cause) == failure.cause);
+    failure.class.as_str() == class || cause.is_some_and(|(_, word)| *word == class)
 }
 
 /// Asks for it.
@@ -34,13 +58,23 @@ pub async fn execute(args: &RetryArgs, talk: &Talk) -> Result<Exit, CliError> {
     let patients: Vec<PatientId> = match &args.patient {
         Some(patient) => vec![PatientId(patient.clone())],
         None => {
-            let status = open(&folders).await?.status().await?;
-            let failed = status.patients.into_iter().filter(|patient| patient.state == "failed");
-            failed.map(|patient| PatientId(patient.patient)).collect()
+            let reader = open(&folders).await?;
+            let mut failed = Vec::new();
+            for patient in reader.status().await?.patients.into_iter().filter(|p| p.state == "failed") {
+                let id = PatientId(patient.patient);
+                let failure = match args.class {
+                    Some(_) => reader.patient_record(&id).await?.failure,
+                    None => None,
+                };
+                if args.class.as_ref().is_none_or(|class| failure.is_some_and(|failure| is_of(&failure, class))) {
+                    failed.push(id);
+                }
+            }
+            failed
         }
     };
     if patients.is_empty() {
-        talk.say("no patient has failed: nothing to retry");
+        talk.say("no patient has failed so: nothing to retry");
     }
     for patient in &patients {
         let answer = engine::retry(&folders.run, patient).await?;

@@ -9,6 +9,7 @@ use cardiotwin_schemas::plan::ResolvedPatient;
 use clap::Args;
 
 use crate::cli::commands::report::FILE;
+use crate::cli::commands::status;
 use crate::cli::error::CliError;
 use crate::cli::exit::Exit;
 use crate::cli::place::{Folders, Place};
@@ -25,6 +26,8 @@ use crate::report::write_report;
 
 /// Up to so many patients, each one's results are told as soon as the patient is over.
 const LINES_WITH_RESULTS: usize = 100;
+/// Rows of a run on a cluster.
+const ROWS: usize = 60;
 
 /// Personalise a cohort; the same command goes on where an earlier one stopped
 #[derive(Debug, Args)]
@@ -55,6 +58,12 @@ pub struct RunArgs {
     /// Settings on top of all files (may be given several times); `config show` lists the keys
     #[arg(long = "set", value_name = "KEY=VALUE")]
     set: Vec<String>,
+    /// Where tasks run (executor.kind)
+    #[arg(long, value_name = "NAME", value_parser = ["local", "slurm"])]
+    executor: Option<String>,
+    /// On a cluster: stay, and bring jobs on until everything is over; else this is one tick, like `advance`
+    #[arg(long)]
+    watch: bool,
     /// Write no report at the end
     #[arg(long)]
     no_report: bool,
@@ -74,7 +83,7 @@ pub async fn execute(args: &RunArgs, talk: &Talk) -> Result<Exit, CliError> {
     let began = Instant::now();
     let folders = args.place.folders();
     folders.refuse_sweep("`cardiotwin sweep` goes on with it, see `cardiotwin sweep status DIR`")?;
-    let cohort = load(args, &folders, talk)?;
+    let cohort = load(&folders, &args.settings(), &args.patients, talk)?;
     if args.dry_run {
         return dry_run(&cohort, &folders, talk).await;
     }
@@ -91,6 +100,7 @@ pub async fn execute(args: &RunArgs, talk: &Talk) -> Result<Exit, CliError> {
         only: args.patients.iter().map(|id| PatientId(id.clone())).collect(),
         executor: cohort.settings.settings.executor.clone(),
         worker: args.worker.clone(),
+        watch: args.watch,
     };
     let stop =
         StopSignal::from_signals().map_err(|source| CliError::Io { what: "cannot listen to signals", source })?;
@@ -103,21 +113,29 @@ pub async fn execute(args: &RunArgs, talk: &Talk) -> Result<Exit, CliError> {
     finish(args, &summary, &folders, began, talk).await
 }
 
-/// The cohort, or all its problems.
-fn load(args: &RunArgs, folders: &Folders, talk: &Talk) -> Result<Cohort, CliError> {
+impl RunArgs {
+    /// Settings that options of this command stand for.
+    fn settings(&self) -> Vec<String> {
+        let mut set = self.set.clone();
+        set.extend(self.fidelity.iter().map(|name| format!("solver.fidelity={name}")));
+        set.extend(self.mesh_nodes.map(|n| format!("solver.finite_element.mesh_nodes={n}")));
+        set.extend(self.update.iter().map(|name| format!("step1.update={name}")));
+        set.extend(self.vtu_every.map(|every| format!("executor.vtu_every_ms={every:?}")));
+        set.extend(self.workers.map(|n| format!("executor.workers={n}")));
+        set.extend(self.executor.iter().map(|name| format!("executor.kind={name}")));
+        set
+    }
+}
+
+/// The cohort, or all its problems; with the patients that are to be worked on, if not all.
+pub(super) fn load(folders: &Folders, set: &[String], only: &[String], talk: &Talk) -> Result<Cohort, CliError> {
     let Some(directory) = &folders.cohort else {
         let run = folders.run.display();
         let message = format!("{run} is a run: name its cohort, and the run with --run-dir {run}");
         return Err(CliError::Usage(message));
     };
-    let mut set = args.set.clone();
-    set.extend(args.fidelity.iter().map(|name| format!("solver.fidelity={name}")));
-    set.extend(args.mesh_nodes.map(|n| format!("solver.finite_element.mesh_nodes={n}")));
-    set.extend(args.update.iter().map(|name| format!("step1.update={name}")));
-    set.extend(args.vtu_every.map(|every| format!("executor.vtu_every_ms={every:?}")));
-    set.extend(args.workers.map(|n| format!("executor.workers={n}")));
     let mut report = Report::default();
-    let cohort = input::load(directory, &Options { set, ..Options::default() }, &mut report);
+    let cohort = input::load(directory, &Options { set: set.to_vec(), ..Options::default() }, &mut report);
     let said = problems::text(&report, talk.colour_err);
     if !said.is_empty() {
         talk.say(said.trim_end());
@@ -125,7 +143,7 @@ fn load(args: &RunArgs, folders: &Folders, talk: &Talk) -> Result<Cohort, CliErr
     match cohort {
         Some(cohort) if report.n_errors() == 0 => {
             let known = |id: &&String| cohort.patients.iter().any(|patient| patient.id == **id);
-            match args.patients.iter().find(|id| !known(id)) {
+            match only.iter().find(|id| !known(id)) {
                 Some(id) => Err(CliError::Usage(unknown_patient(id, &cohort))),
                 None => Ok(cohort),
             }
@@ -181,6 +199,9 @@ async fn finish(
     began: Instant,
     talk: &Talk,
 ) -> Result<Exit, CliError> {
+    if summary.on_cluster() {
+        return on_cluster(summary, folders, talk).await;
+    }
     let record = open(folders).await?.record().await?;
     talk.data(&summary::table(&record, talk))?;
     let mut report = String::new();
@@ -213,6 +234,20 @@ async fn finish(
         talk.hint(&format!("`cardiotwin status{place}` names the failures, first"));
     }
     Ok(if summary.failed + summary.cancelled > 0 { Exit::Problems } else { Exit::Ok })
+}
+
+/// A run that goes on without this process: where it stands, and how to bring it on.
+pub(super) async fn on_cluster(summary: &RunSummary, folders: &Folders, talk: &Talk) -> Result<Exit, CliError> {
+    let status = open(folders).await?.status().await?;
+    talk.data(&status::screen(&status, "PATIENT", ROWS, talk))?;
+    let place = folders.as_argument("");
+    if summary.stopped {
+        talk.say("stopped; jobs on the cluster go on");
+    }
+    talk.hint(&format!(
+        "`cardiotwin advance{place}` takes up what jobs have done and goes on, `run{place} --watch` stays"
+    ));
+    Ok(Exit::Unfinished)
 }
 
 /// What would be done, patient by patient.

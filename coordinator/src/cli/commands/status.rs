@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use cardiotwin_schemas::status::{PatientStatus, Status};
+use cardiotwin_schemas::status::{ClusterStatus, PatientStatus, Status};
 use cardiotwin_schemas::sweep::SweepSpec;
 use clap::Args;
 
@@ -102,6 +102,33 @@ pub fn screen(status: &Status, member: &str, rows: usize, talk: &Talk) -> String
     let counts = if counts.is_empty() { "no patients".to_owned() } else { counts.join(", ") };
     let coordinator = if status.coordinator_running { "a coordinator is running" } else { "no coordinator is running" };
     text.push_str(&format!("{}: {counts}; {coordinator}; as of {}\n", status.cohort, status.as_of));
+    text.push_str(&status.cluster.as_ref().map(of_cluster).unwrap_or_default());
+    text
+}
+
+/// Jobs, what they cost, and how old this is.
+fn of_cluster(cluster: &ClusterStatus) -> String {
+    let running = cluster.jobs.iter().filter(|job| job.state == "running").count();
+    let age = match cluster.as_of.is_empty() {
+        true => "the queue never answered".to_owned(),
+        false => format!("the queue answered {} ago", duration(cluster.age_s)),
+    };
+    let charge = match cluster.charge > 0.0 {
+        true => format!(" ({:.2} {})", cluster.charge, cluster.charge_unit),
+        false => String::new(),
+    };
+    let mut text = format!(
+        "{}: {running} jobs run, {} wait; {:.2} node-hours so far{charge}, about {:.2} to come; {age}\n",
+        cluster.site,
+        cluster.jobs.len() - running,
+        cluster.node_hours,
+        cluster.node_hours_left,
+    );
+    for (what, why) in [("no answer", &cluster.no_answer), ("holds", &cluster.holds)] {
+        if let Some(why) = why {
+            text.push_str(&format!("{what}: {why}\n"));
+        }
+    }
     text
 }
 
@@ -158,7 +185,9 @@ pub fn hint(status: &Status, folders: &Folders) -> Option<String> {
         });
     }
     let waiting = status.patients.iter().any(|p| !["done", "cancelled"].contains(&p.state.as_str()));
-    (waiting && !status.coordinator_running).then(|| format!("{} goes on", folders.run_command()))
+    let advance = || format!("`cardiotwin advance{}`", folders.as_argument(""));
+    let command = || if status.cluster.is_some() { advance() } else { folders.run_command() };
+    (waiting && !status.coordinator_running).then(|| format!("{} goes on", command()))
 }
 
 #[cfg(test)]
@@ -220,6 +249,7 @@ mod tests {
                     ..patient("01-CoA", "done", "done")
                 },
             ],
+            cluster: None,
         }
     }
 

@@ -1,6 +1,6 @@
 //! The loop with scripted answers: the whole chain, failures of each class, changed settings, requests.
 
-mod scripted;
+pub(super) mod scripted;
 
 use std::path::Path;
 use std::sync::{Arc, Mutex};
@@ -20,13 +20,13 @@ use serde_json::json;
 use super::*;
 use scripted::{Script, Scripted};
 
-struct Bench {
+pub(super) struct Bench {
     dir: tempfile::TempDir,
     script: Arc<Mutex<Script>>,
     patients: Vec<ResolvedPatient>,
 }
 
-fn personalised(id: &str, edp_mmhg: f64) -> ResolvedPatient {
+pub(super) fn personalised(id: &str, edp_mmhg: f64) -> ResolvedPatient {
     let mut patient = bench::noop_patient(id, 0);
     patient.workflow = Workflow::Personalise;
     patient.step0.end_diastolic_pressure_mmhg = Some(edp_mmhg);
@@ -37,11 +37,11 @@ fn personalised(id: &str, edp_mmhg: f64) -> ResolvedPatient {
 }
 
 impl Bench {
-    fn new(patients: Vec<ResolvedPatient>) -> Self {
+    pub(super) fn new(patients: Vec<ResolvedPatient>) -> Self {
         Self { dir: tempfile::tempdir().unwrap(), script: Arc::default(), patients }
     }
 
-    fn path(&self) -> &Path {
+    pub(super) fn path(&self) -> &Path {
         self.dir.path()
     }
 
@@ -50,7 +50,7 @@ impl Bench {
     }
 
     /// Runs, and tells what was submitted.
-    async fn run(&self) -> (RunSummary, Vec<&'static str>) {
+    pub(super) async fn run(&self) -> (RunSummary, Vec<&'static str>) {
         let (events, _) = tokio::sync::mpsc::unbounded_channel();
         self.run_with(events, StopSignal::new()).await
     }
@@ -65,6 +65,7 @@ impl Bench {
             only: vec![],
             executor: ExecutorSettings::default(),
             worker: None,
+            watch: false,
         };
         self.script(|s| s.submitted.clear());
         let (_lock, run_dir) = enter(self.path()).unwrap();
@@ -72,11 +73,11 @@ impl Bench {
         (summary, self.script.lock().unwrap().submitted.clone())
     }
 
-    async fn reader(&self) -> Reader {
+    pub(super) async fn reader(&self) -> Reader {
         Reader::open(self.path()).await.unwrap()
     }
 
-    async fn patient(&self, id: &str) -> PatientRecord {
+    pub(super) async fn patient(&self, id: &str) -> PatientRecord {
         self.reader().await.patient_record(&PatientId::from(id)).await.unwrap()
     }
 

@@ -133,7 +133,7 @@ fn fitted(name: &str, value: f64, lower: f64, upper: f64) -> FittedParameter {
 }
 
 impl Script {
-    fn ending(&self, task: &TaskSpec) -> Ending {
+    pub fn ending(&self, task: &TaskSpec) -> Ending {
         let result = match task {
             TaskSpec::PassiveState(spec) => passive_state(spec.end_diastolic_pressure_mmhg.unwrap_or(8.0)),
             TaskSpec::OrganBeat(spec) => match &spec.contraction {

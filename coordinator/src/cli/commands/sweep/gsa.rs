@@ -133,6 +133,7 @@ pub async fn execute(args: &GsaArgs, talk: &Talk) -> Result<Exit, CliError> {
         only: Vec::new(),
         executor,
         worker: args.worker.clone(),
+        watch: false,
     };
     let summary = drive(options, "chunks", talk).await?;
     let simulated_s = began.elapsed().as_secs_f64();

@@ -280,6 +280,7 @@ async fn run(
         only: Vec::new(),
         executor: cohort.settings.settings.executor.clone(),
         worker: args.worker.clone(),
+        watch: false,
     };
     drive(options, "personalisations", talk).await
 }

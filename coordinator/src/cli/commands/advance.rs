@@ -1,0 +1,98 @@
+//! `cardiotwin advance`: one tick of a run on a cluster.
+
+use clap::Args;
+use serde::Serialize;
+
+use super::run::{load, on_cluster};
+use crate::cli::error::CliError;
+use crate::cli::exit::Exit;
+use crate::cli::place::Place;
+use crate::cli::talk::{Talk, count};
+use crate::engine::{self, RunOptions, RunSummary, StopSignal};
+
+/// Bring a run on a cluster one step on: take up what jobs have done, decide, submit what follows, and end
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Says nothing and waits for nothing that lasts: made for cron, scrontab and self-resubmitting jobs (docs/slurm.md).\nKilled anywhere it costs nothing."
+)]
+pub struct AdvanceArgs {
+    #[command(flatten)]
+    place: Place,
+    /// Settings on top of all files (may be given several times)
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    set: Vec<String>,
+    /// The worker's executable [default: cardiotwin-worker beside this program]
+    #[arg(long, value_name = "PATH")]
+    worker: Option<std::path::PathBuf>,
+    /// One JSON object about this tick instead of the table
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Debug, Serialize)]
+struct Tick {
+    patients: usize,
+    done: usize,
+    failed: usize,
+    cancelled: usize,
+    unfinished: usize,
+    /// Elements of jobs that are not over.
+    jobs: usize,
+    submitted: u64,
+    published: u64,
+    wall_s: f64,
+}
+
+/// One tick.
+///
+/// # Errors
+/// As `run`'s.
+pub async fn execute(args: &AdvanceArgs, talk: &Talk) -> Result<Exit, CliError> {
+    let folders = args.place.folders();
+    let mut set = vec!["executor.kind=slurm".to_owned()];
+    set.extend(args.set.iter().cloned());
+    let cohort = load(&folders, &set, &[], talk)?;
+    let options = RunOptions {
+        run_dir: folders.run.clone(),
+        cohort_name: cohort.name.clone(),
+        description: cohort.description.clone(),
+        cohort_dir: cohort.directory.clone(),
+        patients: Some(cohort.plans()),
+        only: Vec::new(),
+        executor: cohort.settings.settings.executor.clone(),
+        worker: args.worker.clone(),
+        watch: false,
+    };
+    let stop =
+        StopSignal::from_signals().map_err(|source| CliError::Io { what: "cannot listen to signals", source })?;
+    let (events, _) = tokio::sync::mpsc::unbounded_channel();
+    let summary = engine::run(options, events, stop).await?;
+    let over = !summary.on_cluster();
+    if args.json {
+        talk.json(&tick(&summary))?;
+    } else if over {
+        let parts = format!("{} done, {} failed, {} cancelled", summary.done, summary.failed, summary.cancelled);
+        talk.data(&format!("{}: {parts}; nothing is left to do\n", count(summary.patients, "patient")))?;
+    } else {
+        on_cluster(&summary, &folders, talk).await?;
+    }
+    Ok(match (over, summary.failed + summary.cancelled) {
+        (false, _) => Exit::Unfinished,
+        (true, 0) => Exit::Ok,
+        (true, _) => Exit::Problems,
+    })
+}
+
+fn tick(summary: &RunSummary) -> Tick {
+    Tick {
+        patients: summary.patients,
+        done: summary.done,
+        failed: summary.failed,
+        cancelled: summary.cancelled,
+        unfinished: summary.unfinished,
+        jobs: summary.jobs,
+        submitted: summary.submitted,
+        published: summary.published,
+        wall_s: summary.wall_s,
+    }
+}

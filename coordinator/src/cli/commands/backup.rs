@@ -1,0 +1,38 @@
+//! `cardiotwin backup`: a verified copy of a run's database.
+
+use std::path::PathBuf;
+
+use clap::Args;
+
+use crate::cli::error::CliError;
+use crate::cli::exit::Exit;
+use crate::cli::place::Place;
+use crate::cli::talk::Talk;
+use crate::engine;
+
+/// Copy a run's database, beside a running coordinator too, and check the copy
+#[derive(Debug, Args)]
+#[command(
+    after_help = "The copy is a run's cardiotwin.db: put it in the place of a damaged one. Attempts' folders are not in it."
+)]
+pub struct BackupArgs {
+    #[command(flatten)]
+    place: Place,
+    /// File of the copy; must not be there
+    #[arg(long, value_name = "FILE")]
+    to: PathBuf,
+}
+
+/// Copies and checks.
+///
+/// # Errors
+/// The store's; [`CliError::Usage`] where the file is there.
+pub async fn execute(args: &BackupArgs, talk: &Talk) -> Result<Exit, CliError> {
+    if args.to.exists() {
+        return Err(CliError::Usage(format!("{} is there already: name another file", args.to.display())));
+    }
+    let folders = args.place.folders();
+    let bytes = engine::back_up(&folders.run, &args.to).await?;
+    talk.data(&format!("{}: {:.1} MB, checked\n", args.to.display(), bytes as f64 / 1e6))?;
+    Ok(Exit::Ok)
+}

@@ -1,0 +1,52 @@
+//! `cardiotwin drive`: the driver inside a job of a cluster; batch scripts call it, people do not.
+
+use std::path::PathBuf;
+
+use clap::Args;
+
+use crate::cli::error::CliError;
+use crate::cli::exit::Exit;
+use crate::cli::talk::Talk;
+use crate::engine::{self, DriverPlace};
+
+/// Walk the chains of a job's patients, on one node of it
+#[derive(Debug, Args)]
+pub struct DriveArgs {
+    /// Folder of the job
+    folder: PathBuf,
+}
+
+/// Drives.
+///
+/// # Errors
+/// The engine's.
+pub async fn execute(args: &DriveArgs, talk: &Talk) -> Result<Exit, CliError> {
+    let told = |name: &str| std::env::var(name).ok().filter(|value| !value.is_empty());
+    let number = |name: &str| told(name).and_then(|value| value.parse().ok());
+    let element: Option<u32> = number("SLURM_ARRAY_TASK_ID");
+    let id = match (told("SLURM_ARRAY_JOB_ID"), element) {
+        (Some(array), Some(element)) => Some(format!("{array}_{element}")),
+        _ => told("SLURM_JOB_ID"),
+    };
+    let leave_at_s: Option<i64> = told("CARDIOTWIN_LEAVE_AT").and_then(|value| value.parse().ok());
+    let place = DriverPlace {
+        folder: args.folder.clone(),
+        element: element.unwrap_or(0),
+        node: number("SLURM_NODEID").unwrap_or(0),
+        id,
+        leave_at_ms: leave_at_s.map(|s| s * 1000),
+    };
+    match engine::drive_here(&place).await? {
+        Some(end) => {
+            talk.say(&format!("driver ended: {:?}, {} patients left", end.because, end.left.len()));
+            for (patient, why) in &end.left {
+                talk.say(&format!("left {patient}: {why}"));
+            }
+            Ok(Exit::Ok)
+        }
+        None => {
+            talk.say("another driver had claimed this part of the job before: nothing is done twice");
+            Ok(Exit::Locked)
+        }
+    }
+}

@@ -1,0 +1,310 @@
+//! A job's folder, `slurm/<name>/` of the run: the order and script that the coordinator writes, the claim and the last
+//! word of each driver, the fences.
+//!
+//! | file | written by |
+//! |---|---|
+//! | `order-E.json`, `job.sh` | coordinator, before it asks for the job |
+//! | `submitting` | coordinator, right before `sbatch`: from now on Slurm may know the name |
+//! | `started-E-N.json` | driver on node N of element E, created exclusively |
+//! | `taken-E-P` | the driver that took patient P of element E's list, created exclusively |
+//! | `ended-E-N.json` | driver, its last word |
+//! | `fence-E` | coordinator: element E begins and publishes nothing more |
+
+use std::fs;
+use std::io::{self, Read as _, Seek as _, SeekFrom};
+use std::path::{Path, PathBuf};
+
+use cardiotwin_schemas::allocation::{AttemptAllocation, DriverClaim, DriverEnd, JobOrder};
+use cardiotwin_schemas::task::AttemptSpec;
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+
+use crate::dispatch::{DispatchError, SPEC};
+
+const SCRIPT: &str = "job.sh";
+const SUBMITTING: &str = "submitting";
+const ALLOCATION: &str = "allocation.json";
+
+fn file(what: &'static str, path: &Path) -> impl FnOnce(io::Error) -> DispatchError {
+    let path = path.to_owned();
+    move |source| DispatchError::File { what, path, source }
+}
+
+/// A job's folder.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct JobFolder {
+    path: PathBuf,
+}
+
+impl JobFolder {
+    /// Of a job of this name.
+    #[must_use]
+    pub fn of(run_dir: &Path, name: &str) -> Self {
+        Self { path: run_dir.join("slurm").join(name) }
+    }
+
+    /// Any folder, as a driver is told.
+    #[must_use]
+    pub fn at(path: &Path) -> Self {
+        Self { path: path.to_owned() }
+    }
+
+    /// Where it is.
+    #[must_use]
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// The batch script.
+    #[must_use]
+    pub fn script(&self) -> PathBuf {
+        self.path.join(SCRIPT)
+    }
+
+    /// Writes orders and script; doing it twice writes the same.
+    ///
+    /// # Errors
+    /// [`DispatchError::File`].
+    pub fn write(&self, orders: &[JobOrder], script: &str) -> Result<(), DispatchError> {
+        fs::create_dir_all(&self.path).map_err(file("make", &self.path))?;
+        for (element, order) in orders.iter().enumerate() {
+            write_whole(&self.path.join(format!("order-{element}.json")), &json(order))?;
+        }
+        write_whole(&self.script(), script.as_bytes())
+    }
+
+    /// Whether Slurm may have been asked for the job before.
+    #[must_use]
+    pub fn was_submitting(&self) -> bool {
+        self.path.join(SUBMITTING).exists()
+    }
+
+    /// Marks that Slurm is about to be asked.
+    ///
+    /// # Errors
+    /// [`DispatchError::File`].
+    pub fn mark_submitting(&self) -> Result<(), DispatchError> {
+        let path = self.path.join(SUBMITTING);
+        // Durable before sbatch: a mark that a power failure forgets would let a job be asked for twice.
+        let mark = fs::File::create(&path).map_err(file("write", &path))?;
+        mark.sync_all().map_err(file("write", &path))
+    }
+
+    /// Takes the mark back after a definite refusal.
+    ///
+    /// # Errors
+    /// [`DispatchError::File`].
+    pub fn unmark_submitting(&self) -> Result<(), DispatchError> {
+        let path = self.path.join(SUBMITTING);
+        fs::remove_file(&path).map_err(file("remove", &path))
+    }
+
+    /// The order of an element.
+    ///
+    /// # Errors
+    /// [`DispatchError::File`], also for what is no order.
+    pub fn order(&self, element: u32) -> Result<JobOrder, DispatchError> {
+        let path = self.path.join(format!("order-{element}.json"));
+        let bytes = fs::read(&path).map_err(file("read", &path))?;
+        serde_json::from_slice(&bytes).map_err(|error| file("read", &path)(io::Error::other(error)))
+    }
+
+    /// Claims an element's node for a driver; false where another has it.
+    ///
+    /// # Errors
+    /// [`DispatchError::File`].
+    pub fn claim(&self, element: u32, node: u32, claim: &DriverClaim) -> Result<bool, DispatchError> {
+        create_exclusively(&self.path.join(format!("started-{element}-{node}.json")), &json(claim))
+    }
+
+    /// Takes a patient of an element's list for one of its nodes; false where another has it.
+    ///
+    /// # Errors
+    /// [`DispatchError::File`].
+    pub fn take(&self, element: u32, patient: usize) -> Result<bool, DispatchError> {
+        create_exclusively(&self.path.join(format!("taken-{element}-{patient}")), b"")
+    }
+
+    /// Whether an element was revoked.
+    #[must_use]
+    pub fn is_fenced(&self, element: u32) -> bool {
+        self.path.join(format!("fence-{element}")).exists()
+    }
+
+    /// Revokes an element.
+    ///
+    /// # Errors
+    /// [`DispatchError::File`].
+    pub fn fence(&self, element: usize) -> Result<(), DispatchError> {
+        let path = self.path.join(format!("fence-{element}"));
+        match fs::write(&path, b"revoked by the coordinator\n") {
+            Err(error) if error.kind() == io::ErrorKind::NotFound && !self.path.exists() => Ok(()),
+            result => result.map_err(file("write", &path)),
+        }
+    }
+
+    /// A driver's claim.
+    #[must_use]
+    pub fn started(&self, element: usize, node: u32) -> Option<DriverClaim> {
+        read(&self.path.join(format!("started-{element}-{node}.json")))
+    }
+
+    /// A driver's last word.
+    #[must_use]
+    pub fn ended(&self, element: usize, node: u32) -> Option<DriverEnd> {
+        read(&self.path.join(format!("ended-{element}-{node}.json")))
+    }
+
+    /// Leaves a driver's last word.
+    ///
+    /// # Errors
+    /// [`DispatchError::File`].
+    pub fn leave(&self, element: u32, node: u32, end: &DriverEnd) -> Result<(), DispatchError> {
+        write_whole(&self.path.join(format!("ended-{element}-{node}.json")), &json(end))
+    }
+
+    /// End of what an element's script and drivers said.
+    #[must_use]
+    pub fn log_tail(&self, element: Option<usize>) -> String {
+        let suffix = element.map_or_else(|| ".log".to_owned(), |element| format!("_{element}.log"));
+        let entries = fs::read_dir(&self.path).into_iter().flatten().flatten().map(|entry| entry.path());
+        let is_log = |path: &PathBuf| {
+            path.file_name()
+                .and_then(|name| name.to_str())
+                .is_some_and(|n| n.starts_with("slurm-") && n.ends_with(&suffix))
+        };
+        entries.filter(is_log).map(|path| tail(&path)).collect()
+    }
+}
+
+/// Makes an attempt's directory with its spec and with the job that made it, in one step: of two that try, one succeeds.
+///
+/// # Errors
+/// [`DispatchError::File`].
+pub fn make_attempt(
+    directory: &Path,
+    spec: &AttemptSpec,
+    allocation: &AttemptAllocation,
+) -> Result<bool, DispatchError> {
+    let parent = directory.parent().unwrap_or(directory);
+    fs::create_dir_all(parent).map_err(file("make", parent))?;
+    if directory.exists() {
+        return Ok(false);
+    }
+    let name = directory.file_name().unwrap_or_default().to_string_lossy();
+    let draft = parent.join(format!(".{name}.{}.{}", allocation.job, allocation.element));
+    let _ = fs::remove_dir_all(&draft); // of a driver that was killed here
+    fs::create_dir(&draft).map_err(file("make", &draft))?;
+    write_whole(&draft.join(SPEC), &json(spec))?;
+    write_whole(&draft.join(ALLOCATION), &json(allocation))?;
+    match fs::rename(&draft, directory) {
+        Ok(()) => Ok(true),
+        // A directory that holds something is never replaced.
+        Err(error) if matches!(error.kind(), io::ErrorKind::DirectoryNotEmpty | io::ErrorKind::AlreadyExists) => {
+            let _ = fs::remove_dir_all(&draft);
+            Ok(false)
+        }
+        Err(error) => Err(file("make", directory)(error)),
+    }
+}
+
+/// Which job made an attempt's directory.
+#[must_use]
+pub fn allocation_of(directory: &Path) -> Option<AttemptAllocation> {
+    read(&directory.join(ALLOCATION))
+}
+
+/// Whether an attempt was begun: its directory appears with its spec in it.
+#[must_use]
+pub fn is_begun(directory: &Path) -> bool {
+    directory.join(SPEC).exists()
+}
+
+/// Whether an attempt left something from which a later one goes on.
+#[must_use]
+pub fn has_checkpoint(directory: &Path) -> bool {
+    fs::read_dir(directory.join("checkpoint")).is_ok_and(|mut entries| entries.next().is_some())
+}
+
+fn json<T: Serialize>(value: &T) -> Vec<u8> {
+    serde_json::to_vec(value).expect("plain structs are JSON")
+}
+
+/// What is there and whole; files appear by rename, or exclusively and small, so that half of one is as none.
+fn read<T: DeserializeOwned>(path: &Path) -> Option<T> {
+    serde_json::from_slice(&fs::read(path).ok()?).ok()
+}
+
+fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), DispatchError> {
+    let draft = path.with_extension("new");
+    fs::write(&draft, bytes).map_err(file("write", &draft))?;
+    fs::rename(&draft, path).map_err(file("write", path))
+}
+
+fn create_exclusively(path: &Path, bytes: &[u8]) -> Result<bool, DispatchError> {
+    match fs::File::options().write(true).create_new(true).open(path) {
+        Ok(mut created) => {
+            io::Write::write_all(&mut created, bytes).map_err(file("write", path))?;
+            Ok(true)
+        }
+        Err(error) if error.kind() == io::ErrorKind::AlreadyExists => Ok(false),
+        Err(error) => Err(file("write", path)(error)),
+    }
+}
+
+fn tail(path: &Path) -> String {
+    let mut bytes = Vec::new();
+    if let Ok(mut file) = fs::File::open(path) {
+        let length = file.metadata().map_or(0, |m| m.len());
+        let _ = file.seek(SeekFrom::Start(length.saturating_sub(4000)));
+        let _ = file.read_to_end(&mut bytes);
+    }
+    String::from_utf8_lossy(&bytes).into_owned()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use cardiotwin_schemas::SCHEMA_VERSION;
+    use cardiotwin_schemas::ids::AttemptId;
+    use cardiotwin_schemas::task::{NoopSpec, TaskSpec};
+
+    #[test]
+    fn of_two_that_begin_an_attempt_one_succeeds() {
+        let dir = tempfile::tempdir().unwrap();
+        let task = TaskSpec::Noop(NoopSpec { label: "a".into(), sleep_ms: 0 });
+        let attempt = AttemptId { task: task.key(), generation: 1 };
+        let spec = AttemptSpec {
+            schema_version: SCHEMA_VERSION,
+            attempt,
+            threads: 1,
+            instruction_set: Default::default(),
+            vtu_every_ms: 0.0,
+            task,
+        };
+        let directory = dir.path().join("attempts/ab/abcd-g1");
+        let of = |job: &str| AttemptAllocation { job: job.into(), element: 0, id: None };
+        assert!(make_attempt(&directory, &spec, &of("one")).unwrap());
+        assert!(!make_attempt(&directory, &spec, &of("two")).unwrap());
+        assert_eq!(allocation_of(&directory), Some(of("one")));
+        assert_eq!(fs::read_dir(directory.parent().unwrap()).unwrap().count(), 1, "no draft is left");
+    }
+
+    #[test]
+    fn claims_are_given_once_and_fences_hold() {
+        let dir = tempfile::tempdir().unwrap();
+        let folder = JobFolder::of(dir.path(), "ct-1");
+        folder.fence(0).unwrap();
+        assert!(!folder.is_fenced(0), "what was never written has nobody to revoke");
+        folder.write(&[], "#!/bin/bash\n").unwrap();
+        assert!(!folder.was_submitting());
+        folder.mark_submitting().unwrap();
+        assert!(folder.was_submitting());
+        assert!(folder.take(0, 3).unwrap() && !folder.take(0, 3).unwrap() && folder.take(1, 3).unwrap());
+        folder.fence(1).unwrap();
+        assert!(folder.is_fenced(1) && !folder.is_fenced(0));
+        fs::write(folder.path().join("slurm-12_1.log"), "one").unwrap();
+        fs::write(folder.path().join("slurm-13.log"), "two").unwrap();
+        assert_eq!((folder.log_tail(Some(1)).as_str(), folder.log_tail(None).contains("two")), ("one", true));
+    }
+}

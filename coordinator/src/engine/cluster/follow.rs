@@ -1,0 +1,75 @@
+//! Following chains by what drivers left: attempts' directories are found by the keys that the chain derives, so that
+//! nothing needs to be told.
+
+use cardiotwin_schemas::ids::{AttemptId, TaskKey};
+
+use super::Cluster;
+use crate::dispatch::slurm::{Scheduler, folder};
+use crate::dispatch::{self, Evidence};
+use crate::engine::EngineError;
+use crate::engine::decide::Circumstance;
+use crate::machine::patient::Patient;
+use crate::machine::task::Task;
+
+impl<S: Scheduler> Cluster<S> {
+    /// Takes a patient along everything that is there: begun attempts, outcomes, and what follows from them.
+    pub(super) fn follow(&mut self, i: usize) -> Result<(), EngineError> {
+        while let Some(key) = self.present_task(i) {
+            if !self.follow_task(&key)? {
+                break;
+            }
+        }
+        Ok(())
+    }
+
+    /// The task that a patient waits for.
+    pub(super) fn present_task(&self, i: usize) -> Option<TaskKey> {
+        match &self.world.patients[i].row.state {
+            Patient::Working { task, .. } => Some(task.clone()),
+            _ => None,
+        }
+    }
+
+    /// One step further with a task; false where nothing new is found.
+    fn follow_task(&mut self, key: &TaskKey) -> Result<bool, EngineError> {
+        let Some(task) = self.world.tasks.get(key) else { return Ok(false) };
+        let state = task.state.clone();
+        let attempt = |generation| AttemptId { task: key.clone(), generation };
+        match state {
+            Task::Open { generation, .. } => {
+                let next = attempt(generation + 1);
+                let directory = self.world.directory(&next);
+                if !folder::is_begun(&directory) {
+                    return Ok(false);
+                }
+                self.world.begin_found(key, generation + 1)?;
+                let allocation = folder::allocation_of(&directory);
+                let id = allocation.map(|a| a.id.unwrap_or(a.job)).unwrap_or_default();
+                self.world.attempt_seen(&next, &id)?;
+                Ok(true)
+            }
+            Task::Attempting { generation, .. } => {
+                let at_work = attempt(generation);
+                let directory = self.world.directory(&at_work);
+                if let Some(evidence) = dispatch::outcome(&directory)? {
+                    self.decider.attempt_ended(&mut self.world, &at_work, evidence, Circumstance::Excused)?;
+                    return Ok(true);
+                }
+                // A further job went past it, after it was fenced: it can publish nothing.
+                let passed = folder::is_begun(&self.world.directory(&attempt(generation + 1)));
+                if passed && directory.join(dispatch::FENCE).exists() {
+                    self.interrupt(&at_work, "a later job went past it")?;
+                }
+                Ok(passed)
+            }
+            Task::Published { .. } | Task::Failed { .. } => Ok(false),
+        }
+    }
+
+    /// Ends an attempt that can publish nothing, charged to nobody.
+    pub(super) fn interrupt(&mut self, attempt: &AttemptId, why: &str) -> Result<(), EngineError> {
+        let class = cardiotwin_schemas::failure::FailureClass::Site;
+        let evidence = Evidence::Nothing { class, reason: why.to_owned() };
+        self.decider.attempt_ended(&mut self.world, attempt, evidence, Circumstance::Excused)
+    }
+}

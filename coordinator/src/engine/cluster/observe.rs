@@ -1,0 +1,319 @@
+//! What became of jobs: their own evidence first, then one squeue, then at most one sacct.
+
+use std::collections::HashMap;
+
+use cardiotwin_schemas::allocation::DriverEnding;
+use cardiotwin_schemas::failure::SiteCause;
+use cardiotwin_slurm::answers::accounting::{self, AccountingRow};
+use cardiotwin_slurm::answers::queue::{self, QueueRow};
+use cardiotwin_slurm::answers::{NoAnswer, Table};
+use cardiotwin_slurm::commands;
+use cardiotwin_slurm::failure::{Class, Evidence, classify};
+use cardiotwin_slurm::job::JobName;
+use cardiotwin_slurm::state::SlurmState;
+use cardiotwin_slurm::truth::{self, Alive, Ended, Truth, Unknown, Wanted};
+
+use super::Cluster;
+use crate::dispatch::slurm::Scheduler;
+use crate::dispatch::slurm::folder::JobFolder;
+use crate::engine::EngineError;
+use crate::machine::cluster_job::{Element, Ending, JobEvent, Submission};
+use crate::machine::task::Task;
+use crate::store::cluster_jobs::SeenElement;
+
+/// More names than this are not listed to sacct: all of the user's jobs are asked for.
+const MOST_NAMES: usize = 1000;
+/// The database may believe a job alive that the controller has forgotten: for so many graces.
+const GRACES_OF_A_DISPUTE: i64 = 10;
+
+type Queued = HashMap<String, Table<QueueRow>>;
+type Accounted = HashMap<String, Table<AccountingRow>>;
+
+impl<S: Scheduler> Cluster<S> {
+    /// Looks at every job that is not over.
+    pub(super) async fn observe(&mut self) -> Result<(), EngineError> {
+        self.queue = None;
+        for (name, element) in self.world.elements_at_work() {
+            self.own_evidence(&name, element)?;
+        }
+        let names: Vec<String> = self.world.jobs.rows.keys().cloned().collect();
+        for name in &names {
+            self.interrupted_submission(name)?;
+        }
+        let asked = |row: &&crate::store::cluster_jobs::JobRow| {
+            !row.state.is_over() && row.state.submission != Submission::Intended
+        };
+        let live = self.world.jobs.rows.values().filter(asked).count();
+        if live == 0 && !self.wants_places() {
+            return Ok(());
+        }
+        let queue = self.ask(commands::queue(), queue::read).await;
+        self.queue.clone_from(&queue);
+        let queued = queue.map(|table| by_name(table, |row| &row.name));
+        let work = self.world.elements_at_work();
+        let unclear: Vec<&String> = work
+            .iter()
+            .filter(|(name, element)| self.needs_accounting(name, *element, queued.as_ref()))
+            .map(|w| &w.0)
+            .collect();
+        let accounted = match unclear.is_empty() {
+            true => None,
+            false => self.ask_accounting(&unclear).await.map(|table| by_name(table, |row| &row.name)),
+        };
+        for (name, element) in work {
+            self.take_truth(&name, element, queued.as_ref(), accounted.as_ref())?;
+        }
+        Ok(())
+    }
+
+    /// Asks, and remembers whether there was an answer.
+    async fn ask<T>(
+        &mut self,
+        command: commands::Command,
+        read: impl Fn(&cardiotwin_slurm::answers::Output) -> Result<T, NoAnswer>,
+    ) -> Option<T> {
+        self.report.commands += 1;
+        let output = self.scheduler.ask(&command).await;
+        match read(&output) {
+            Ok(answer) => {
+                if command.program == "squeue" {
+                    self.report.answered_ms = Some(self.world.now_ms);
+                    self.report.no_answer = None;
+                }
+                Some(answer)
+            }
+            Err(error) => {
+                // Without accounting sacct never answers: the queue and the jobs themselves have to do.
+                if command.program == "squeue" {
+                    self.report.no_answer = Some(error.to_string());
+                }
+                None
+            }
+        }
+    }
+
+    async fn ask_accounting(&mut self, names: &[&String]) -> Option<Table<AccountingRow>> {
+        let rows = names.iter().filter_map(|name| self.world.jobs.rows.get(*name));
+        let since_s = rows.map(|row| row.intended_ms).min().unwrap_or_default() / 1000 - 60;
+        let mut listed: Vec<JobName> = names.iter().filter_map(|name| JobName::new(name).ok()).collect();
+        listed.dedup();
+        if listed.len() > MOST_NAMES {
+            listed.clear();
+        }
+        self.ask(commands::accounting(&listed, since_s), accounting::read).await
+    }
+
+    /// What an element left in its folder.
+    fn own_evidence(&mut self, name: &str, element: usize) -> Result<(), EngineError> {
+        let Some(row) = self.world.jobs.rows.get(name) else { return Ok(()) };
+        let (n_nodes, accepted) = (row.spec.n_nodes, matches!(row.state.submission, Submission::Accepted { .. }));
+        let folder = JobFolder::of(&self.world.run_dir, name);
+        if !accepted {
+            let Some(started) = folder.started(element, 0) else { return Ok(()) };
+            let job = started.job.and_then(|id| id.split('_').next()?.parse().ok());
+            self.world.job_event(name, JobEvent::Accepted { job })?;
+        }
+        let Some(ends) = (0..n_nodes).map(|node| folder.ended(element, node)).collect::<Option<Vec<_>>>() else {
+            return Ok(());
+        };
+        // Who told it to stop only the scheduler knows.
+        if ends.iter().any(|end| end.because == DriverEnding::Stopped) {
+            return Ok(());
+        }
+        let late = ends.iter().any(|end| end.because == DriverEnding::OutOfTime);
+        let elapsed_s = ends.iter().map(|end| end.wall_s).fold(0.0, f64::max) as u64;
+        self.world.jobs.see(name, element, |seen| {
+            seen.elapsed_s = Some(elapsed_s);
+            seen.why.clear();
+        });
+        let words = if late { "left off at the end of its walltime" } else { "came to its end" };
+        let ending = Ending { cause: late.then_some(SiteCause::Walltime), words: words.to_owned() };
+        self.world.job_event(name, JobEvent::Ended { element, ending })
+    }
+
+    /// A job that was being submitted when the coordinator ended.
+    fn interrupted_submission(&mut self, name: &str) -> Result<(), EngineError> {
+        let intended = self.world.jobs.rows.get(name).is_some_and(|row| row.state.submission == Submission::Intended);
+        if intended && JobFolder::of(&self.world.run_dir, name).was_submitting() {
+            let why = "the coordinator ended while it asked".to_owned();
+            let at_ms = self.world.now_ms;
+            self.world.job_event(name, JobEvent::Doubt { at_ms, why })?;
+        }
+        Ok(())
+    }
+
+    fn wanted<'a>(&self, name: &'a str, element: usize) -> Wanted<'a> {
+        let is_array = self.world.jobs.rows.get(name).is_some_and(|row| row.spec.is_array);
+        Wanted { name, element: is_array.then(|| u32::try_from(element).unwrap_or(u32::MAX)) }
+    }
+
+    /// Whether the queue alone leaves open what became of an element.
+    fn needs_accounting(&self, name: &str, element: usize, queued: Option<&Queued>) -> bool {
+        let Some(row) = self.world.jobs.rows.get(name) else { return false };
+        if row.state.submission == Submission::Intended {
+            return false;
+        }
+        match truth::of(self.wanted(name, element), of(queued, name).as_ref(), None) {
+            Truth::Alive(_) => false,
+            // Who cancelled it, and with which code it failed, only accounting tells.
+            Truth::Ended(ended) => {
+                ended.exit.is_none() && matches!(ended.state, SlurmState::Cancelled | SlurmState::Failed)
+            }
+            Truth::Unknown(_) => queued.is_some(),
+        }
+    }
+
+    fn take_truth(
+        &mut self,
+        name: &str,
+        element: usize,
+        queued: Option<&Queued>,
+        accounted: Option<&Accounted>,
+    ) -> Result<(), EngineError> {
+        let Some(row) = self.world.jobs.rows.get(name) else { return Ok(()) };
+        if row.state.submission == Submission::Intended {
+            return Ok(());
+        }
+        let accounting =
+            accounted.map(|all| all.get(name).cloned().unwrap_or(Table { rows: Vec::new(), unreadable: Vec::new() }));
+        match truth::of(self.wanted(name, element), of(queued, name).as_ref(), accounting.as_ref()) {
+            Truth::Alive(alive) => self.alive(name, element, &alive),
+            Truth::Ended(ended) => self.ended(name, element, &ended),
+            Truth::Unknown(unknown) => self.unknown(name, element, &unknown),
+        }
+    }
+
+    fn alive(&mut self, name: &str, element: usize, alive: &Alive) -> Result<(), EngineError> {
+        self.world.job_event(name, JobEvent::Accepted { job: Some(alive.id.job) })?;
+        self.world.job_event(name, JobEvent::Seen { element, runs: alive.runs })?;
+        let why = alive.why.as_ref().map(|why| why.words.clone()).unwrap_or_default();
+        self.look(name, element, |seen| {
+            seen.why = why;
+            seen.start_s = alive.start;
+            seen.nodes.clone_from(&alive.nodes);
+        });
+        Ok(())
+    }
+
+    fn ended(&mut self, name: &str, element: usize, ended: &Ended) -> Result<(), EngineError> {
+        let Some(row) = self.world.jobs.rows.get(name) else { return Ok(()) };
+        let folder = JobFolder::of(&self.world.run_dir, name);
+        let stopping = row.state.elements.get(element) == Some(&Element::Stopping);
+        let array_element = row.spec.is_array.then_some(element);
+        let warned = (0..row.spec.n_nodes)
+            .any(|node| folder.ended(element, node).is_some_and(|end| end.because == DriverEnding::OutOfTime));
+        let log_tail = folder.log_tail(array_element);
+        let evidence =
+            Evidence { own: None, scheduler: Some(ended), log_tail: &log_tail, we_cancelled: stopping, warned };
+        let cause = classify(&evidence).map(cause_of);
+        let began = if ended.began == Some(false) { ", it never began" } else { "" };
+        let words = format!("Slurm says {}{began}", ended.state.as_str());
+        self.world.job_event(name, JobEvent::Accepted { job: Some(ended.id.job) })?;
+        self.look(name, element, |seen| {
+            seen.elapsed_s = ended.elapsed_s;
+            seen.nodes.clone_from(&ended.nodes);
+            seen.why.clear();
+        });
+        self.world.job_event(name, JobEvent::Ended { element, ending: Ending { cause, words } })
+    }
+
+    fn unknown(&mut self, name: &str, element: usize, unknown: &Unknown) -> Result<(), EngineError> {
+        let now_ms = self.world.now_ms;
+        let grace_ms = i64::try_from(self.settings.slurm.grace_s).unwrap_or(i64::MAX / 20_000) * 1000;
+        let (absent, graces, why) = match unknown {
+            Unknown::NotListed { queue_answered, .. } => (
+                *queue_answered,
+                1,
+                if *queue_answered { "Slurm does not know it" } else { "Slurm does not answer" }.to_owned(),
+            ),
+            Unknown::State(state) => (false, 1, format!("Slurm says {}, which tells nothing", state.as_str())),
+            Unknown::Disputed(state) => {
+                (true, GRACES_OF_A_DISPUTE, format!("the queue does not list it, accounting says {}", state.as_str()))
+            }
+        };
+        let Some(row) = self.world.jobs.rows.get(name) else { return Ok(()) };
+        let over = |since_ms: i64| absent && now_ms - since_ms > grace_ms.saturating_mul(graces);
+        match (&row.state.submission, row.state.elements.get(element)) {
+            (Submission::Doubtful { since_ms, .. }, _) if over(*since_ms) => {
+                self.world.job_event(name, JobEvent::Absent)
+            }
+            (Submission::Doubtful { .. }, _) => Ok(()),
+            (_, Some(Element::Unknown { since_ms, .. })) if over(*since_ms) => {
+                self.world.job_event(name, JobEvent::GiveUp { element })
+            }
+            // Asked to end, and gone: that was what was wanted.
+            (_, Some(Element::Stopping)) if absent && self.left_its_last_word(name, element) => {
+                let ending = Ending { cause: None, words: "ended by request".to_owned() };
+                self.world.job_event(name, JobEvent::Ended { element, ending })
+            }
+            _ => {
+                self.look(name, element, |seen| seen.why.clone_from(&why));
+                // Silence of the scheduler is no news of the job.
+                if !matches!(unknown, Unknown::NotListed { queue_answered: false, .. }) {
+                    self.world.job_event(name, JobEvent::Vanished { element, at_ms: now_ms, why })?;
+                }
+                Ok(())
+            }
+        }
+    }
+
+    fn left_its_last_word(&self, name: &str, element: usize) -> bool {
+        let folder = JobFolder::of(&self.world.run_dir, name);
+        folder.started(element, 0).is_none() || folder.ended(element, 0).is_some()
+    }
+
+    /// What was seen of an element is shown with its patients.
+    fn look(&mut self, name: &str, element: usize, change: impl FnOnce(&mut SeenElement)) {
+        if self.world.jobs.see(name, element, change)
+            && let Some(row) = self.world.jobs.rows.get(name).cloned()
+        {
+            self.world.touch_placed(&row);
+        }
+    }
+
+    /// Whether a patient waits for a job of its own.
+    pub(super) fn wants_places(&self) -> bool {
+        (0..self.world.patients.len()).any(|i| self.wants_place(i))
+    }
+
+    /// Whether this one does.
+    pub(super) fn wants_place(&self, i: usize) -> bool {
+        let patient = &self.world.patients[i];
+        patient.selected
+            && !self.world.jobs.placed.contains_key(&patient.row.id)
+            && self.present_task(i).is_some_and(|key| {
+                self.world.tasks.get(&key).is_some_and(|task| matches!(task.state, Task::Open { .. }))
+            })
+    }
+}
+
+/// What a class of failure is to people.
+fn cause_of(class: Class) -> SiteCause {
+    match class {
+        Class::Walltime => SiteCause::Walltime,
+        Class::OutOfMemory => SiteCause::OutOfMemory,
+        Class::NodeFailure => SiteCause::NodeFailure,
+        Class::Preemption => SiteCause::Preemption,
+        Class::CancelledByPerson => SiteCause::Cancelled,
+        Class::BadInput => SiteCause::Refused,
+        Class::Divergence | Class::Panic | Class::Unexplained => SiteCause::Unexplained,
+    }
+}
+
+/// A table's rows by the names of their jobs; what could not be read is everybody's doubt.
+fn by_name<Row: Clone>(table: Table<Row>, name: impl Fn(&Row) -> &String) -> HashMap<String, Table<Row>> {
+    let mut tables: HashMap<String, Table<Row>> = HashMap::new();
+    let unreadable = table.unreadable;
+    for row in table.rows {
+        let entry = tables.entry(name(&row).clone());
+        entry.or_insert_with(|| Table { rows: Vec::new(), unreadable: unreadable.clone() }).rows.push(row);
+    }
+    tables.entry(String::new()).or_insert_with(|| Table { rows: Vec::new(), unreadable });
+    tables
+}
+
+/// The rows of one name; without any, the answer itself still counts.
+fn of(queued: Option<&Queued>, name: &str) -> Option<Table<QueueRow>> {
+    let all = queued?;
+    all.get(name).or_else(|| all.get("")).cloned()
+}

@@ -1,0 +1,292 @@
+//! Placing patients into jobs: what waits, packed for the site, and no more than its limits take.
+
+use std::collections::{BTreeMap, HashSet};
+
+use cardiotwin_schemas::ids::TaskKey;
+use cardiotwin_schemas::plan::Workflow;
+use cardiotwin_schemas::settings::Fidelity;
+use cardiotwin_slurm::plan::{self, Choices, InUse, Simulation, Sweep};
+use cardiotwin_slurm::site::{Queue, Site, Unit, Use};
+use cardiotwin_slurm::state::Bearing;
+
+use super::{Cluster, Expectations};
+use crate::dispatch::slurm::Scheduler;
+use crate::engine::EngineError;
+use crate::engine::world::World;
+use crate::store::cluster_jobs::{Allotment, JobSpec, Placed};
+use cardiotwin_schemas::settings::ExecutorSettings;
+
+/// A job that would be submitted.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PlannedJob {
+    /// What is asked for.
+    pub spec: JobSpec,
+    /// Patients of each element, by their place in the cohort.
+    pub patients: Vec<Vec<usize>>,
+    /// How long an element is expected to work, s.
+    pub predicted_s: f64,
+    /// Whether it is of this wave; others are submitted once jobs have ended.
+    pub now: bool,
+}
+
+/// Patients whose jobs are alike.
+#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
+struct Like {
+    in_3d: bool,
+    threads: u32,
+    memory_mib: Option<u64>,
+    lanes: Option<u32>,
+    exclude: Vec<String>,
+}
+
+impl<S: Scheduler> Cluster<S> {
+    /// Makes jobs of the patients that wait, and commits to their names.
+    pub(super) async fn place(&mut self) -> Result<(), EngineError> {
+        self.world.jobs.holds = None;
+        let waiting = self.waiting();
+        self.report.node_hours_left = 0.0;
+        self.report.finish_after_s = None;
+        if waiting.is_empty() {
+            self.hold(None);
+            return Ok(());
+        }
+        self.discover().await?;
+        let Some(queue) = &self.queue else {
+            // Limits count all of the user's jobs: without an answer nobody knows what there is room for.
+            let why = self.report.no_answer.clone().unwrap_or_default();
+            self.hold(Some(format!("nothing is submitted while the queue does not answer: {why}")));
+            return Ok(());
+        };
+        let rows = queue.rows.clone();
+        let in_use = |queue: &Queue| {
+            let mut used = InUse::default();
+            let ours = |row: &&cardiotwin_slurm::answers::queue::QueueRow| {
+                queue.qos.as_ref().is_none_or(|qos| row.qos == *qos)
+            };
+            for row in rows.iter().filter(ours) {
+                let bearing = row.state.bearing();
+                used.queued += u32::from(bearing != Bearing::Ended);
+                if bearing == Bearing::Running {
+                    used.running += 1;
+                    used.nodes += row.n_nodes.unwrap_or(1);
+                    used.cores += row.n_cores.unwrap_or(1);
+                }
+            }
+            // Names that are durable and not in the queue yet take their room, too.
+            used.queued += self.intended();
+            used
+        };
+        let expected = Expectations::of(&self.world, &self.settings);
+        let jobs = plan_jobs(&self.world, &waiting, &self.site, &self.settings, &expected, &in_use)?;
+        self.report.node_hours_left = jobs.iter().map(|job| job.spec.expected_node_hours).sum();
+        self.report.finish_after_s = jobs.iter().map(|job| job.predicted_s).reduce(f64::max);
+        let later: usize =
+            jobs.iter().filter(|job| !job.now).map(|job| job.patients.iter().map(Vec::len).sum::<usize>()).sum();
+        for job in jobs.into_iter().filter(|job| job.now) {
+            let name = self.fresh_name();
+            self.world.intend_job(name, job.spec);
+        }
+        self.hold((later > 0).then(|| format!("{later} patients wait until jobs have ended: the queue takes no more")));
+        Ok(())
+    }
+
+    fn intended(&self) -> u32 {
+        use crate::machine::cluster_job::Submission;
+        let rows = self.world.jobs.rows.values().filter(|row| row.state.submission == Submission::Intended);
+        u32::try_from(rows.map(|row| row.spec.elements.len()).sum::<usize>()).unwrap_or(u32::MAX)
+    }
+
+    pub(super) fn hold(&mut self, why: Option<String>) {
+        self.report.holds.clone_from(&why);
+        self.world.jobs.holds = why;
+    }
+
+    /// Patients that want a place, one for each task: who wants the same waits for it.
+    fn waiting(&self) -> Vec<usize> {
+        let mut tasks: HashSet<TaskKey> = (0..self.world.patients.len())
+            .filter(|i| self.world.jobs.placed.contains_key(&self.world.patients[*i].row.id))
+            .filter_map(|i| self.present_task(i))
+            .collect();
+        let mut waiting: Vec<usize> = (0..self.world.patients.len()).filter(|i| self.wants_place(*i)).collect();
+        waiting.sort_by_key(|i| self.world.patients[*i].row.position);
+        waiting.retain(|i| self.present_task(*i).is_some_and(|key| tasks.insert(key)));
+        waiting
+    }
+
+    /// A name that no job ever had: the cohort, the time, the process, a number.
+    fn fresh_name(&mut self) -> String {
+        let plain = |c: char| if c.is_ascii_alphanumeric() { c } else { '-' };
+        let run = self.world.run_dir.parent().and_then(|p| p.file_name()).unwrap_or_default().to_string_lossy();
+        let cohort: String = run.chars().map(plain).take(24).collect();
+        loop {
+            self.names += 1;
+            let (now_ms, pid, n) = (self.world.now_ms, std::process::id(), self.names);
+            let name = format!("ct-{cohort}-{now_ms:x}-{pid:x}-{n:x}");
+            if !self.world.jobs.rows.contains_key(&name) {
+                return name;
+            }
+        }
+    }
+}
+
+/// Jobs for these patients.
+///
+/// # Errors
+/// [`EngineError::Site`] where the site has no queue for the work, or a patient fits into no job.
+pub fn plan_jobs(
+    world: &World,
+    patients: &[usize],
+    site: &Site,
+    settings: &ExecutorSettings,
+    expected: &Expectations,
+    in_use: &dyn Fn(&Queue) -> InUse,
+) -> Result<Vec<PlannedJob>, EngineError> {
+    let mut groups: BTreeMap<Like, Vec<usize>> = BTreeMap::new();
+    for &i in patients {
+        let plan = world.plan(i)?;
+        let in_3d = plan.workflow == Workflow::Personalise && plan.settings.solver.fidelity == Fidelity::FiniteElement;
+        let Allotment { memory_mib, lanes, exclude, .. } = world.jobs.allotment(world.patients[i].row.id);
+        let like = Like { in_3d, threads: settings.threads.max(1), memory_mib, lanes, exclude };
+        groups.entry(like).or_default().push(i);
+    }
+    let mut jobs = Vec::new();
+    let mut taken = InUse::default();
+    for (like, patients) in groups {
+        let used_for = if like.in_3d { Use::Simulations } else { Use::Chunks };
+        let queue = site.queue(settings.slurm.queue.as_deref(), used_for).ok_or_else(|| EngineError::Site {
+            message: format!("site {} has no queue for {used_for:?}: add it to the `uses` of one", site.name),
+        })?;
+        let mut used = in_use(queue);
+        used.queued += taken.queued;
+        let group = Group { world, site, queue, settings, expected, like: &like, used };
+        let planned = if like.in_3d && queue.unit.unwrap_or(site.node.unit) == Unit::Node {
+            group.bundles(&patients)?
+        } else {
+            group.chunks(&patients)?
+        };
+        taken.queued += u32::try_from(planned.iter().filter(|j| j.now).map(|j| j.patients.len()).sum::<usize>())
+            .unwrap_or(u32::MAX);
+        jobs.extend(planned);
+    }
+    Ok(jobs)
+}
+
+struct Group<'a> {
+    world: &'a World,
+    site: &'a Site,
+    queue: &'a Queue,
+    settings: &'a ExecutorSettings,
+    expected: &'a Expectations,
+    like: &'a Like,
+    used: InUse,
+}
+
+impl Group<'_> {
+    fn choices(&self) -> Choices {
+        let slurm = &self.settings.slurm;
+        let bundle_nodes = Some(slurm.bundle_nodes).filter(|n| *n > 0);
+        // Start, end, and the warning, which Slurm may give a minute early.
+        let overhead_s = 2 * (slurm.warning_s + 60);
+        Choices { good_length_s: slurm.job_s, bundle_nodes, overhead_s, ..Choices::default() }
+    }
+
+    fn rest_s(&self, i: usize) -> Result<f64, EngineError> {
+        Ok(self.expected.rest_s(self.world.plan(i)?, &self.world.patients[i].chain))
+    }
+
+    fn refused(&self, error: &plan::PlanError) -> EngineError {
+        EngineError::Site { message: format!("site {}: {error}", self.site.name) }
+    }
+
+    fn placed(&self, i: usize) -> Placed {
+        let patient = &self.world.patients[i];
+        let plan = self.world.jobs.allotment(patient.row.id).plans;
+        Placed { patient_id: patient.row.id, settled: patient.chain.steps().count(), plan }
+    }
+
+    fn spec(&self, elements: &[Vec<usize>], is_array: bool, n_nodes: u32, walltime_s: u64) -> JobSpec {
+        let whole_nodes = self.queue.unit.unwrap_or(self.site.node.unit) == Unit::Node;
+        let fit = (self.site.node.cores / self.like.threads).max(1);
+        let lanes = if whole_nodes { self.like.lanes.unwrap_or(fit).min(fit) } else { 1 };
+        let n_cores = if whole_nodes { self.site.node.cores } else { self.like.threads };
+        let memory_mib = self.like.memory_mib.unwrap_or(self.settings.slurm.memory_mib) * u64::from(lanes);
+        JobSpec {
+            queue: self.queue.name.clone(),
+            qos: self.queue.qos.clone(),
+            is_array,
+            at_once: None,
+            n_nodes,
+            n_cores,
+            memory_mib: (!whole_nodes).then_some(memory_mib.min(self.site.node.memory_mib)),
+            lanes,
+            threads: self.like.threads,
+            walltime_s,
+            expected_node_hours: 0.0,
+            nodes_charged: if whole_nodes {
+                f64::from(n_nodes)
+            } else {
+                f64::from(n_cores) / f64::from(self.site.node.cores)
+            },
+            exclude: self.like.exclude.clone(),
+            elements: elements.iter().map(|list| list.iter().map(|&i| self.placed(i)).collect()).collect(),
+        }
+    }
+
+    /// Simulations that fill a node, into jobs of many nodes: every node takes the next patient when it is free.
+    fn bundles(&self, patients: &[usize]) -> Result<Vec<PlannedJob>, EngineError> {
+        let ranks = self.like.threads;
+        let simulation = |&i: &usize| -> Result<Simulation, EngineError> {
+            let task = i.to_string();
+            Ok(Simulation { task, ranks, predicted_s: self.rest_s(i)?, has_checkpoints: true })
+        };
+        let simulations = patients.iter().map(simulation).collect::<Result<Vec<_>, _>>()?;
+        let bundles = plan::bundles(&simulations, self.site, self.queue, self.used, &self.choices());
+        let bundles = bundles.map_err(|error| self.refused(&error))?;
+        Ok(bundles
+            .into_iter()
+            .map(|bundle| {
+                let list: Vec<usize> = bundle.order().iter().filter_map(|task| task.parse().ok()).collect();
+                let mut spec = self.spec(std::slice::from_ref(&list), false, bundle.n_nodes, bundle.walltime_s);
+                spec.expected_node_hours = bundle.node_hours;
+                PlannedJob { spec, patients: vec![list], predicted_s: bundle.predicted_s(), now: bundle.now }
+            })
+            .collect())
+    }
+
+    /// Work of cores, many patients to an element, elements to arrays.
+    fn chunks(&self, patients: &[usize]) -> Result<Vec<PlannedJob>, EngineError> {
+        let mut rests = Vec::with_capacity(patients.len());
+        for &i in patients {
+            rests.push(self.rest_s(i)?);
+        }
+        let whole_nodes = self.queue.unit.unwrap_or(self.site.node.unit) == Unit::Node;
+        // Of a node, the time of a core: a patient takes as many cores as it has threads.
+        let share = if whole_nodes { f64::from(self.like.threads) } else { 1.0 };
+        let mean_s = rests.iter().sum::<f64>() / rests.len().max(1) as f64 * share;
+        let sweep = Sweep { n_blocks: patients.len() as u64, samples_per_block: 1, s_per_sample: mean_s };
+        // No chunk may be longer than a job, and where one chain is, its driver leaves off and goes on in another.
+        let mut choices = self.choices();
+        let longest_s = self.queue.walltime_s().saturating_sub(choices.overhead_s) as f64 / choices.safety;
+        let sweep = Sweep { s_per_sample: sweep.s_per_sample.min(longest_s.max(1.0)), ..sweep };
+        choices.good_length_s = choices.good_length_s.min(longest_s as u64).max(1);
+        let chunks = plan::chunks(&sweep, self.site, self.queue, self.used, &choices).map_err(|e| self.refused(&e))?;
+        Ok(chunks
+            .arrays
+            .iter()
+            .map(|array| {
+                let lists: Vec<Vec<usize>> = (array.first..array.first + u64::from(array.n))
+                    .map(|chunk| {
+                        chunks
+                            .blocks(chunk)
+                            .filter_map(|block| patients.get(usize::try_from(block).ok()?).copied())
+                            .collect()
+                    })
+                    .collect();
+                let mut spec = self.spec(&lists, array.n > 1, 1, chunks.walltime_s);
+                spec.at_once = array.at_once;
+                spec.expected_node_hours = chunks.node_hours * f64::from(array.n) / chunks.n_chunks.max(1) as f64;
+                PlannedJob { spec, patients: lists, predicted_s: chunks.predicted_s, now: array.now }
+            })
+            .collect())
+    }
+}

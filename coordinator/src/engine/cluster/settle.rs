@@ -1,0 +1,266 @@
+//! What the end of a job means for its patients: nothing, another job with what was learned, or a failure that stays.
+
+use cardiotwin_schemas::failure::{Failure, FailureClass, SiteCause};
+use cardiotwin_schemas::ids::{AttemptId, PatientId};
+use cardiotwin_slurm::failure::{self, Budgets, Class, Given, Next, Spent};
+
+use super::Cluster;
+use crate::dispatch;
+use crate::dispatch::slurm::Scheduler;
+use crate::dispatch::slurm::folder::{self, JobFolder};
+use crate::engine::EngineError;
+use crate::engine::requests::Request;
+use crate::machine::cluster_job::{Element, Ending, JobEvent, Submission};
+use crate::machine::job::AttemptEnding;
+use crate::machine::patient::Patient;
+use crate::machine::task::Task;
+use crate::store::cluster_jobs::{JobRow, Placed, id_text};
+
+impl<S: Scheduler> Cluster<S> {
+    /// Takes up the ends of elements.
+    pub(super) fn settle_all(&mut self) -> Result<(), EngineError> {
+        let ended: Vec<(String, usize, Ending)> = (self.world.jobs.rows.values())
+            .flat_map(|row| {
+                let ended = row.state.elements.iter().enumerate().filter(|(element, _)| !row.seen[*element].settled);
+                ended.filter_map(|(element, state)| match state {
+                    Element::Over { ending } => Some((row.name.clone(), element, ending.clone())),
+                    _ => None,
+                })
+            })
+            .collect();
+        for (name, element, ending) in ended {
+            self.settle(&name, element, &ending)?;
+        }
+        Ok(())
+    }
+
+    fn settle(&mut self, name: &str, element: usize, ending: &Ending) -> Result<(), EngineError> {
+        let Some(row) = self.world.jobs.rows.get(name).cloned() else { return Ok(()) };
+        // Before the decision: what is not there after the fence will never be.
+        let folder = JobFolder::of(&self.world.run_dir, name);
+        folder.fence(element)?;
+        let patients = row.spec.elements[element].clone();
+        let mut standings = Vec::new();
+        for placed in patients {
+            let Some(&i) = self.world.by_id.get(&placed.patient_id) else { continue };
+            let interrupted = self.fence_attempt(i, name)?;
+            // What was published before the fence counts.
+            self.follow(i)?;
+            let interrupted =
+                interrupted.filter(|attempt| self.world.attempts.get(attempt).is_some_and(|a| !a.state.is_final()));
+            let progressed = self.settled_tasks(i) > placed.settled
+                || interrupted.as_ref().is_some_and(|a| folder::has_checkpoint(&self.world.directory(a)));
+            standings.push((i, placed, interrupted, progressed));
+        }
+        let anybody = standings.iter().any(|(.., interrupted, progressed)| interrupted.is_some() || *progressed);
+        for (i, placed, interrupted, progressed) in standings {
+            let stale = placed.plan != self.world.jobs.allotment(placed.patient_id).plans;
+            let over = self.world.patients[i].row.state.is_final() || !self.world.patients[i].row.active;
+            if over || stale {
+                if let Some(attempt) = interrupted {
+                    self.interrupt(&attempt, "its job ended")?;
+                }
+                continue;
+            }
+            let begun = interrupted.is_some() || progressed;
+            if !begun
+                && (anybody || matches!(row.state.submission, Submission::Void { .. }))
+                && ending.cause != Some(SiteCause::Refused)
+            {
+                // Its turn did not come, or the job never was one: nothing happened to it.
+                if ending.cause == Some(SiteCause::Cancelled) {
+                    self.cancelled_by_person(i, name)?;
+                }
+                continue;
+            }
+            self.follows(i, &row, element, ending, interrupted, progressed)?;
+        }
+        self.world.element_settled(name, element);
+        Ok(())
+    }
+
+    /// Fences the attempt at a patient's present task, where this job began it and it has no outcome.
+    fn fence_attempt(&mut self, i: usize, job: &str) -> Result<Option<AttemptId>, EngineError> {
+        self.follow(i)?;
+        let Some(task) = self.present_task(i) else { return Ok(None) };
+        let Some(Task::Attempting { generation, .. }) = self.world.tasks.get(&task).map(|t| t.state.clone()) else {
+            return Ok(None);
+        };
+        let attempt = AttemptId { task, generation };
+        let directory = self.world.directory(&attempt);
+        if folder::allocation_of(&directory).is_none_or(|allocation| allocation.job != job) {
+            return Ok(None);
+        }
+        dispatch::fence(&directory)?;
+        Ok(Some(attempt))
+    }
+
+    /// Settled tasks of a patient's chain.
+    pub(super) fn settled_tasks(&self, i: usize) -> usize {
+        self.world.patients[i].chain.steps().count()
+    }
+
+    /// What follows for a patient that the job did not bring to its end.
+    fn follows(
+        &mut self,
+        i: usize,
+        row: &JobRow,
+        element: usize,
+        ending: &Ending,
+        interrupted: Option<AttemptId>,
+        progressed: bool,
+    ) -> Result<(), EngineError> {
+        let patient_id = self.world.patients[i].row.id;
+        let left = self.left_because(i, row, element);
+        let class = match ending.cause {
+            Some(SiteCause::Walltime) => Class::Walltime,
+            Some(SiteCause::OutOfMemory) => Class::OutOfMemory,
+            Some(SiteCause::NodeFailure) => Class::NodeFailure,
+            Some(SiteCause::Preemption) => Class::Preemption,
+            Some(SiteCause::Cancelled) => return self.cancelled(i, &row.name, interrupted),
+            Some(SiteCause::Refused) => Class::BadInput,
+            Some(SiteCause::Unexplained) => Class::Unexplained,
+            // The job came to its end: what it left had too little time, or a worker that died.
+            None if interrupted.is_none() => Class::Walltime,
+            None => Class::Unexplained,
+        };
+        let mut allotment = self.world.jobs.allotment(patient_id);
+        let given = Given {
+            ranks_per_node: row.spec.lanes.max(1),
+            memory_per_rank_mib: row.spec.memory_mib.map_or_else(
+                || self.site.node.memory_mib / u64::from(row.spec.lanes.max(1)),
+                |memory| memory / u64::from(row.spec.lanes.max(1)),
+            ),
+            memory_per_node_mib: self.site.node.memory_mib,
+            excluded: allotment.exclude.clone(),
+        };
+        let spent = Spent { infrastructure: allotment.infrastructure, free: allotment.free, science: 0 };
+        let budgets =
+            Budgets { infrastructure: self.settings.site_retries, science: 0, free: self.settings.slurm.free_repeats };
+        let nodes = row.seen.get(element).map(|seen| seen.nodes.clone()).unwrap_or_default();
+        let said = |why: &str| {
+            let left = left.as_ref().map(|left| format!("; {left}")).unwrap_or_default();
+            format!("job {}: {why} ({}{left})", id_text(row, element), ending.words)
+        };
+        match failure::next(class, &nodes, progressed, &given, spent, budgets) {
+            Next::Again { given: more, spent, why, .. } => {
+                if more.memory_per_rank_mib != given.memory_per_rank_mib {
+                    allotment.memory_mib = Some(more.memory_per_rank_mib);
+                    allotment.lanes = Some(more.ranks_per_node);
+                }
+                allotment.exclude = more.excluded;
+                (allotment.infrastructure, allotment.free) = (spent.infrastructure, spent.free);
+                allotment.why = said(&why);
+                let event = crate::engine::EngineEvent::AttemptFailed {
+                    patient: PatientId(self.world.patients[i].row.patient.clone()),
+                    step: self.world.patients[i].row.state.step().map_or_else(String::new, |s| s.to_string()),
+                    generation: interrupted.as_ref().map_or(0, |a| a.generation),
+                    failure: Failure { cause: ending.cause, ..Failure::new(FailureClass::Site, allotment.why.clone()) },
+                    retried: true,
+                };
+                self.decider.events.push(event);
+                self.world.jobs.set_allotment(patient_id, allotment);
+                match interrupted {
+                    Some(attempt) => self.interrupt(&attempt, "its job ended"),
+                    None => Ok(()),
+                }
+            }
+            Next::Stays { why } => {
+                let cause = ending.cause.or(Some(if class == Class::Walltime {
+                    SiteCause::Walltime
+                } else {
+                    SiteCause::Unexplained
+                }));
+                let failure = Failure { cause, ..Failure::new(FailureClass::Site, said(&why)) };
+                self.fail(i, interrupted, failure)
+            }
+            Next::Science { .. } => Ok(()), // divergence is in the outcome, and the workflow's to judge
+        }
+    }
+
+    /// Why the driver left a patient, in its words.
+    fn left_because(&self, i: usize, row: &JobRow, element: usize) -> Option<String> {
+        let folder = JobFolder::of(&self.world.run_dir, &row.name);
+        let id = PatientId(self.world.patients[i].row.patient.clone());
+        (0..row.spec.n_nodes).find_map(|node| folder.ended(element, node)?.left.get(&id).cloned())
+    }
+
+    /// A failure of the site's that stays: the attempt at the present task ends with it, or one that never began.
+    fn fail(&mut self, i: usize, interrupted: Option<AttemptId>, failure: Failure) -> Result<(), EngineError> {
+        let Some(key) = self.present_task(i) else { return Ok(()) };
+        let attempt = match interrupted {
+            Some(attempt) => attempt,
+            None => {
+                let generation = self.world.tasks[&key].state.generation() + 1;
+                let attempt = self.world.begin_found(&key, generation)?;
+                // Nothing of this generation may come into being any more.
+                let directory = self.world.directory(&attempt);
+                std::fs::create_dir_all(&directory).map_err(|source| EngineError::File {
+                    what: "make",
+                    path: directory.clone(),
+                    source,
+                })?;
+                dispatch::fence(&directory)?;
+                attempt
+            }
+        };
+        self.decider.attempt_over(&mut self.world, &attempt, AttemptEnding::Failed { failure }, None, 0)
+    }
+
+    /// A person cancelled its job at the scheduler: as if he had cancelled the patient here.
+    fn cancelled(&mut self, i: usize, job: &str, interrupted: Option<AttemptId>) -> Result<(), EngineError> {
+        if let Some(attempt) = interrupted {
+            self.interrupt(&attempt, "its job was cancelled")?;
+        }
+        self.cancelled_by_person(i, job)
+    }
+
+    fn cancelled_by_person(&mut self, i: usize, job: &str) -> Result<(), EngineError> {
+        let patient = PatientId(self.world.patients[i].row.patient.clone());
+        let text = format!("{patient}: a person cancelled job {job}: stays cancelled until `retry`");
+        self.decider.request(&mut self.world, &Request::Cancel { patient: Some(patient) })?;
+        self.decider.events.push(crate::engine::EngineEvent::Request { text });
+        Ok(())
+    }
+
+    /// Elements none of whose patients is worked on any more are cancelled at the scheduler.
+    pub(super) fn cancel_unwanted(&mut self) -> Result<(), EngineError> {
+        for (name, element) in self.world.elements_at_work() {
+            let row = &self.world.jobs.rows[&name];
+            if row.state.elements[element] == Element::Stopping {
+                continue;
+            }
+            let mut wanted = false;
+            // A job whose patients are all done is about to end by itself.
+            let mut unwanted = false;
+            for placed in &row.spec.elements[element] {
+                match self.wish(placed) {
+                    Wish::Wanted => wanted = true,
+                    Wish::Unwanted => unwanted = true,
+                    Wish::Done => {}
+                }
+            }
+            if unwanted && !wanted {
+                self.world.job_event(&name, JobEvent::Cancel { element })?;
+            }
+        }
+        Ok(())
+    }
+
+    fn wish(&self, placed: &Placed) -> Wish {
+        let Some(&i) = self.world.by_id.get(&placed.patient_id) else { return Wish::Unwanted };
+        let row = &self.world.patients[i].row;
+        match row.state {
+            Patient::Done | Patient::Failed { .. } => Wish::Done,
+            Patient::Cancelled { .. } => Wish::Unwanted,
+            _ if !row.active || placed.plan != self.world.jobs.allotment(placed.patient_id).plans => Wish::Unwanted,
+            _ => Wish::Wanted,
+        }
+    }
+}
+
+enum Wish {
+    Wanted,
+    Unwanted,
+    Done,
+}

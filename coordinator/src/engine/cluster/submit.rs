@@ -1,0 +1,261 @@
+//! Doing what was committed to be done: fences, cancellations, submissions. Every action may come twice.
+
+use cardiotwin_schemas::SCHEMA_VERSION;
+use cardiotwin_schemas::allocation::{JobOrder, JobPatient, KnownTask, Standing};
+use cardiotwin_slurm::answers::Exit;
+use cardiotwin_slurm::answers::submit::{self, RefusalKind, Submission as Answer};
+use cardiotwin_slurm::commands;
+use cardiotwin_slurm::job::{JobId, JobName};
+use cardiotwin_slurm::script::{self, Array, Job, Work};
+use cardiotwin_slurm::site::Site;
+
+use super::{Cluster, Expectations};
+use crate::dispatch;
+use crate::dispatch::slurm::Scheduler;
+use crate::dispatch::slurm::folder::JobFolder;
+use crate::engine::world::World;
+use crate::engine::{EngineError, overlay};
+use crate::machine::cluster_job::{JobEvent, Submission};
+use crate::machine::task::Task;
+use crate::store::cluster_jobs::{JobRow, JobSpec};
+use crate::store::outbox::Action;
+use cardiotwin_schemas::settings::ExecutorSettings;
+use std::path::Path;
+
+/// Whether submitting goes on in this tick.
+enum Room {
+    /// It does.
+    Open,
+    /// The queue is full, or the scheduler does not answer: the rest waits for the next tick.
+    Closed,
+}
+
+impl<S: Scheduler> Cluster<S> {
+    /// Does the actions of committed batches.
+    pub(super) async fn act(&mut self) -> Result<(), EngineError> {
+        let mut cancelled: Vec<(i64, String, usize)> = Vec::new();
+        let mut room = Room::Open;
+        let actions = std::mem::take(&mut self.world.outbox);
+        let mut kept = Vec::new();
+        // Fences first: what is submitted below may go past what they stop.
+        let (fences, others): (Vec<_>, Vec<_>) = actions
+            .into_iter()
+            .partition(|(_, action)| matches!(action, Action::FenceJob { .. } | Action::Stop { .. }));
+        for (id, action) in fences.into_iter().chain(others) {
+            self.crash.pass("before an action")?;
+            match action {
+                Action::FenceJob { job, element } => JobFolder::of(&self.world.run_dir, &job).fence(element)?,
+                Action::Stop { attempt } => {
+                    dispatch::fence(&self.world.directory(&attempt))?;
+                    if self.world.attempts.contains_key(&attempt) {
+                        self.interrupt(&attempt, "ended by us")?;
+                    }
+                }
+                Action::WriteOverlay { patient_id } => overlay::write_of(&self.world, patient_id)?,
+                Action::CancelJob { job, element } => {
+                    cancelled.push((id, job, element));
+                    continue;
+                }
+                Action::SubmitJob { job } => {
+                    if matches!(room, Room::Open) {
+                        room = self.submit(&job).await?;
+                    }
+                    let row = self.world.jobs.rows.get(&job);
+                    if row.is_some_and(|row| row.state.submission == Submission::Intended) {
+                        kept.push((id, Action::SubmitJob { job }));
+                        continue;
+                    }
+                }
+                // Attempts of jobs are begun by their drivers.
+                Action::Submit { .. } => {}
+            }
+            self.crash.pass("after an action")?;
+            self.world.action_done(id);
+        }
+        self.cancel(cancelled, &mut kept).await?;
+        kept.append(&mut self.world.outbox);
+        self.world.outbox = kept;
+        Ok(())
+    }
+
+    /// One scancel for all; what is not known by a number is cancelled by its name.
+    async fn cancel(
+        &mut self,
+        wanted: Vec<(i64, String, usize)>,
+        kept: &mut Vec<(i64, Action)>,
+    ) -> Result<(), EngineError> {
+        let (mut numbers, mut names) = (Vec::new(), Vec::new());
+        for (_, name, element) in &wanted {
+            let Some(row) = self.world.jobs.rows.get(name) else { continue };
+            match &row.state.submission {
+                Submission::Accepted { job: Some(job) } if row.spec.is_array => {
+                    numbers.push(JobId::element(*job, u32::try_from(*element).unwrap_or(u32::MAX)));
+                }
+                Submission::Accepted { job: Some(job) } => numbers.push(JobId::single(*job)),
+                _ => names.extend(JobName::new(name).ok()),
+            }
+        }
+        let numbers = (!numbers.is_empty()).then(|| commands::cancel(&numbers));
+        let mut done = true;
+        for command in numbers.into_iter().chain(names.iter().map(commands::cancel_name)) {
+            self.report.commands += 1;
+            done &= self.scheduler.ask(&command).await.exit == Exit::Code(0);
+        }
+        for (id, job, element) in wanted {
+            match done {
+                true => self.world.action_done(id),
+                // Asked again at the next tick.
+                false => kept.push((id, Action::CancelJob { job, element })),
+            }
+        }
+        Ok(())
+    }
+
+    async fn submit(&mut self, name: &str) -> Result<Room, EngineError> {
+        let Some(row) = self.world.jobs.rows.get(name).cloned() else { return Ok(Room::Open) };
+        let folder = JobFolder::of(&self.world.run_dir, name);
+        if row.state.submission != Submission::Intended || folder.was_submitting() {
+            return Ok(Room::Open); // asked before: looked up at the next tick
+        }
+        let text = match script_of(&row.spec, name, &folder, &self.site, &self.settings, &self.program) {
+            Ok(text) => text,
+            Err(error) => {
+                self.world.job_event(name, JobEvent::Refused { why: error.to_string() })?;
+                return Ok(Room::Open);
+            }
+        };
+        folder.write(&self.orders(&row)?, &text)?;
+        self.crash.pass("before a submission")?;
+        folder.mark_submitting()?;
+        self.crash.pass("before sbatch")?;
+        self.report.commands += 1;
+        let output = self.scheduler.ask(&commands::submit(&folder.script().to_string_lossy())).await;
+        self.crash.pass("after sbatch")?;
+        let room = match submit::read(&output) {
+            Answer::Accepted { job, .. } => {
+                self.submitted += row.spec.elements.len() as u64;
+                self.world.job_event(name, JobEvent::Accepted { job: Some(job.job) })?;
+                Room::Open
+            }
+            Answer::Refused(refusal) if matches!(refusal.kind, RefusalKind::Impossible | RefusalKind::Person) => {
+                self.world.job_event(name, JobEvent::Refused { why: format!("refused by Slurm: {}", refusal.said) })?;
+                Room::Open
+            }
+            Answer::Refused(refusal) => {
+                // A definite no: the name is free to be asked for again.
+                folder.unmark_submitting()?;
+                let why = format!("refused for now: {}", refusal.said);
+                for element in 0..row.spec.elements.len() {
+                    self.world.jobs.see(name, element, |seen| seen.why.clone_from(&why));
+                }
+                self.world.touch_placed(&row);
+                self.hold(Some(format!("the queue takes no more jobs: {}", refusal.said)));
+                Room::Closed
+            }
+            Answer::Doubtful { why } => {
+                let at_ms = self.world.now_ms;
+                self.world.job_event(name, JobEvent::Doubt { at_ms, why: why.clone() })?;
+                self.hold(Some(format!("nothing more is submitted until Slurm answers: {why}")));
+                Room::Closed
+            }
+        };
+        self.commit().await?;
+        Ok(room)
+    }
+
+    /// What each element is to do.
+    fn orders(&self, row: &JobRow) -> Result<Vec<JobOrder>, EngineError> {
+        let expected = Expectations::of(&self.world, &self.settings);
+        let mut orders = Vec::with_capacity(row.spec.elements.len());
+        for element in &row.spec.elements {
+            let mut expected_s = std::collections::BTreeMap::new();
+            let mut patients = Vec::with_capacity(element.len());
+            for placed in element {
+                let Some(&i) = self.world.by_id.get(&placed.patient_id) else { continue };
+                let plan = self.world.plan(i)?;
+                for (kind, seconds) in expected.by_kind(plan) {
+                    let longest: &mut f64 = expected_s.entry(kind).or_default();
+                    *longest = longest.max(seconds);
+                }
+                patients.push(JobPatient {
+                    plan: plan.clone(),
+                    carried: self.world.patients[i].carried.clone(),
+                    known: known_tasks(&self.world, i),
+                });
+            }
+            orders.push(JobOrder {
+                schema_version: SCHEMA_VERSION,
+                job: row.name.clone(),
+                run_dir: self.world.run_dir.clone(),
+                worker: self.worker.clone(),
+                lanes: row.spec.lanes,
+                threads: row.spec.threads,
+                instruction_set: self.settings.instruction_set,
+                vtu_every_ms: self.settings.vtu_every_ms,
+                expected_s,
+                patients,
+            });
+        }
+        Ok(orders)
+    }
+}
+
+/// What a driver must know of a patient's tasks: those of its chain, and the one that it waits for.
+fn known_tasks(world: &World, i: usize) -> Vec<KnownTask> {
+    let mut keys: Vec<_> = world.patients[i].steps.values().collect();
+    keys.sort();
+    keys.dedup();
+    let known = |key: &&cardiotwin_schemas::ids::TaskKey| {
+        let (generation, standing) = match &world.tasks.get(key)?.state {
+            Task::Open { generation: 0, .. } => return None,
+            Task::Open { generation, .. } => (*generation, Standing::Open),
+            Task::Published { generation } => (*generation, Standing::Published),
+            Task::Failed { generation, failure } => (*generation, Standing::Failed(failure.clone())),
+            // Another patient's driver is at it: found there when its directory is.
+            Task::Attempting { generation, .. } => (generation.saturating_sub(1), Standing::Open),
+        };
+        Some(KnownTask { task: (*key).clone(), generation, standing })
+    };
+    keys.iter().filter_map(known).collect()
+}
+
+/// The exact batch script of a job.
+///
+/// # Errors
+/// [`script::ScriptError`] where the site does not allow it, or a path cannot stand in a script.
+pub fn script_of(
+    spec: &JobSpec,
+    name: &str,
+    folder: &JobFolder,
+    site: &Site,
+    settings: &ExecutorSettings,
+    program: &Path,
+) -> Result<String, script::ScriptError> {
+    let text = |path: &Path| path.to_string_lossy().into_owned();
+    let refused = |error: cardiotwin_slurm::job::NotAName| script::ScriptError::Text {
+        what: "job's name",
+        found: error.0,
+        why: "it is no name for a job",
+    };
+    let queue = site.queue.iter().find(|queue| queue.name == spec.queue).ok_or_else(|| script::ScriptError::Text {
+        what: "queue",
+        found: spec.queue.clone(),
+        why: "the site's profile has no such queue (any more)",
+    })?;
+    let job = Job {
+        name: JobName::new(name).map_err(refused)?,
+        account: settings.slurm.account.clone(),
+        folder: text(folder.path()),
+        walltime_s: spec.walltime_s,
+        warning_s: settings.slurm.warning_s,
+        n_nodes: spec.n_nodes,
+        n_cores: spec.n_cores,
+        memory_mib: spec.memory_mib,
+        exclude: spec.exclude.clone(),
+        array: spec
+            .is_array
+            .then(|| Array { n: u32::try_from(spec.elements.len()).unwrap_or(u32::MAX), at_once: spec.at_once }),
+        work: Work::PerNode { command: vec![text(program), "drive".to_owned(), text(folder.path())] },
+    };
+    script::write(&job, queue, site)
+}

@@ -1,0 +1,242 @@
+//! A run on a model of Slurm: the tick as it is, jobs whose drivers are the real driver, workers that answer by script.
+
+use std::collections::{BTreeMap, HashSet, VecDeque};
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex};
+
+use cardiotwin_schemas::SCHEMA_VERSION;
+use cardiotwin_schemas::ids::{AttemptId, ExternalId};
+use cardiotwin_schemas::outcome::{Artefact, TaskOutcome};
+use cardiotwin_schemas::plan::ResolvedPatient;
+use cardiotwin_schemas::provenance::Provenance;
+use cardiotwin_schemas::settings::{ExecutorKind, ExecutorSettings, SlurmSettings};
+use cardiotwin_slurm::answers::{Exit, Output};
+use cardiotwin_slurm::commands::Command;
+use cardiotwin_slurm::model::{Fault, Model, Settings};
+
+use crate::dispatch::slurm::Scheduler;
+use crate::dispatch::{self, DispatchError, Executor, Found, News, Order};
+use crate::engine::crash::CrashPoints;
+use crate::engine::driver::{DriverPlace, drive_job};
+use crate::engine::tests::scripted::Script;
+use crate::engine::{EngineError, EventRecord, Reader, RunOptions, RunSummary, StopSignal, enter_with_lease, tick};
+
+/// Slurm, as the tick meets it.
+#[derive(Debug, Clone)]
+pub struct Modelled {
+    pub model: Arc<Mutex<Model>>,
+    /// Faults of the next commands, by program; used up in order.
+    pub faults: Arc<Mutex<VecDeque<(&'static str, Fault)>>>,
+    pub asked: Arc<Mutex<Vec<&'static str>>>,
+}
+
+impl Scheduler for Modelled {
+    async fn ask(&mut self, command: &Command) -> Output {
+        self.asked.lock().unwrap().push(command.program);
+        if matches!(command.program, "scontrol" | "sacctmgr") {
+            return Output { exit: Exit::Code(0), stdout: String::new(), stderr: String::new() };
+        }
+        let mut faults = self.faults.lock().unwrap();
+        let fault = match faults.front() {
+            Some((program, _)) if *program == command.program => faults.pop_front().map(|(_, fault)| fault),
+            _ => None,
+        };
+        let mut model = self.model.lock().unwrap();
+        model.answer(command, |path| fs::read_to_string(path).ok(), fault)
+    }
+}
+
+/// Workers that claim, heed fences and publish as the real one does, with results by script.
+pub struct OnDisk {
+    script: Arc<Mutex<Script>>,
+    ended: VecDeque<AttemptId>,
+    /// Dies with its driver at this attempt, before it is claimed or after.
+    pub dies: Option<(usize, bool)>,
+    /// How many attempts were begun here.
+    begun: usize,
+    directories: BTreeMap<AttemptId, PathBuf>,
+}
+
+impl Executor for OnDisk {
+    fn kind(&self) -> &'static str {
+        "on-disk"
+    }
+
+    fn free(&self) -> usize {
+        1_usize.saturating_sub(self.directories.len())
+    }
+
+    async fn submit(&mut self, order: Order) -> Result<ExternalId, DispatchError> {
+        let died = |path: &Path| DispatchError::File {
+            what: "die in",
+            path: path.to_owned(),
+            source: std::io::ErrorKind::Other.into(),
+        };
+        if self.dies == Some((self.begun, false)) {
+            return Err(died(&order.directory)); // after the directory was made, before anybody claimed it
+        }
+        self.begun += 1;
+        let attempt = order.spec.attempt.clone();
+        let claimed = fs::File::options().write(true).create_new(true).open(order.directory.join("started.json"));
+        if claimed.is_err() || order.directory.join(dispatch::FENCE).exists() {
+            return Err(died(&order.directory));
+        }
+        if self.dies == Some((self.begun - 1, true)) {
+            return Err(died(&order.directory)); // claimed, and nothing came of it
+        }
+        fs::write(order.directory.join("nodal.csv"), "x").unwrap();
+        let nodal =
+            Artefact { name: "nodal".into(), file: "nodal.csv".into(), sha256: attempt.task.to_string(), bytes: 1 };
+        let outcome = TaskOutcome {
+            schema_version: SCHEMA_VERSION,
+            attempt: attempt.clone(),
+            ending: self.script.lock().unwrap().ending(&order.spec.task),
+            artefacts: vec![nodal],
+            provenance: Provenance::default(),
+        };
+        fs::write(order.directory.join("outcome.json"), serde_json::to_string(&outcome).unwrap()).unwrap();
+        self.directories.insert(attempt.clone(), order.directory);
+        self.ended.push_back(attempt);
+        Ok(ExternalId::from("1"))
+    }
+
+    fn adopt(&mut self, _: &AttemptId, _: &Path) -> Result<Found, DispatchError> {
+        Ok(Found::Unclaimed)
+    }
+
+    fn stop(&mut self, _: &AttemptId, _: &Path, _: bool) -> Result<bool, DispatchError> {
+        Ok(false)
+    }
+
+    async fn news(&mut self) -> Vec<News> {
+        let Some(attempt) = self.ended.pop_front() else { return std::future::pending().await };
+        let directory = self.directories.remove(&attempt).unwrap();
+        let evidence = dispatch::outcome(&directory).unwrap().unwrap();
+        vec![News::Ended { attempt, evidence, claim: None }]
+    }
+}
+
+pub struct Lab {
+    dir: tempfile::TempDir,
+    pub slurm: Modelled,
+    pub script: Arc<Mutex<Script>>,
+    pub patients: Vec<ResolvedPatient>,
+    pub settings: SlurmSettings,
+    pub site_retries: u32,
+    driven: HashSet<usize>,
+}
+
+const SITE: &str = "name = 'model'\ndescription = ''\nscheduler = 'slurm'\nnode = { cores = 4, memory_mib = 8000, unit = 'core' }\n\
+                    [[queue]]\nname = 'q'\nqos = 'normal'\nuses = ['chunks', 'simulations']\nwalltime = '01:00:00'\n";
+
+impl Lab {
+    pub fn new(patients: Vec<ResolvedPatient>, settings: Settings) -> Self {
+        let dir = tempfile::tempdir().unwrap();
+        let site = dir.path().join("site.toml");
+        fs::write(&site, SITE).unwrap();
+        let slurm = Modelled {
+            model: Arc::new(Mutex::new(Model::new(settings))),
+            faults: Arc::default(),
+            asked: Arc::default(),
+        };
+        let site = site.to_string_lossy().into_owned();
+        let settings = SlurmSettings { site, grace_s: 0, job_s: 1, ..SlurmSettings::default() };
+        Self { dir, slurm, script: Arc::default(), patients, settings, site_retries: 2, driven: HashSet::new() }
+    }
+
+    pub fn run_dir(&self) -> PathBuf {
+        self.dir.path().join("run")
+    }
+
+    /// One tick, which dies at its n-th crash point where one is given.
+    pub async fn tick(&self, crash: Option<u64>) -> Result<RunSummary, EngineError> {
+        let slurm = self.settings.clone();
+        let options = RunOptions {
+            run_dir: self.run_dir(),
+            cohort_name: "lab".into(),
+            description: String::new(),
+            cohort_dir: self.dir.path().to_owned(),
+            patients: Some(self.patients.clone()),
+            only: vec![],
+            executor: ExecutorSettings {
+                kind: ExecutorKind::Slurm,
+                slurm,
+                site_retries: self.site_retries,
+                ..ExecutorSettings::default()
+            },
+            worker: None,
+            watch: false,
+        };
+        let crash = crash.map_or_else(CrashPoints::default, CrashPoints::ending_at);
+        let (events, _) = tokio::sync::mpsc::unbounded_channel();
+        let (_lock, lease, run_dir) = enter_with_lease(&self.run_dir())?;
+        let programs = (PathBuf::from("/w"), PathBuf::from("/p"));
+        tick(options, (run_dir, lease), self.slurm.clone(), programs, crash, events, StopSignal::new()).await
+    }
+
+    pub fn pass(&self, seconds: i64) {
+        self.slurm.model.lock().unwrap().advance(seconds);
+    }
+
+    /// Runs the drivers of what Slurm has started; those whose processes were killed do not run any more.
+    pub async fn drive(&mut self, mut dies: impl FnMut() -> Option<(usize, bool)>) {
+        let runs = self.slurm.model.lock().unwrap().runs().to_vec();
+        for (n, run) in runs.into_iter().enumerate() {
+            if run.ended.is_some() || !self.driven.insert(n) {
+                continue;
+            }
+            let element = run.element.unwrap_or(0);
+            let folder = self.run_dir().join("slurm").join(&run.name);
+            let place = DriverPlace { folder, element, node: 0, id: Some(n.to_string()), leave_at_ms: None };
+            let (script, dies) = (Arc::clone(&self.script), dies());
+            let executor =
+                |_: &_| OnDisk { script, ended: VecDeque::new(), dies, begun: 0, directories: BTreeMap::new() };
+            // A driver that dies says nothing; its job ends all the same.
+            let _ = drive_job(&place, executor, StopSignal::new(), || false).await;
+        }
+    }
+
+    /// Ticks, lets time pass and runs drivers until everything is over.
+    pub async fn finish(&mut self) -> RunSummary {
+        for _ in 0..400 {
+            let summary = self.tick(None).await.unwrap();
+            if !summary.on_cluster() {
+                return summary;
+            }
+            self.pass(30);
+            self.drive(|| None).await;
+        }
+        panic!("it does not end: {:#?}", self.slurm.model.lock().unwrap().runs());
+    }
+
+    pub async fn reader(&self) -> Reader {
+        Reader::open(&self.run_dir()).await.unwrap()
+    }
+
+    pub async fn events(&self) -> Vec<EventRecord> {
+        self.reader().await.history(None).await.unwrap()
+    }
+
+    /// Every task that was published was published once, and was not begun again afterwards.
+    pub async fn assert_published_once(&self) {
+        let mut published: HashSet<String> = HashSet::new();
+        for event in self.events().await.into_iter().filter(|event| event.machine == "task") {
+            let task = event.task.as_ref().unwrap().to_string();
+            assert!(!published.contains(&task), "task {task} went on after it was published: {event:?}");
+            if event.event["event"] == "ended" && event.event["how"]["how"] == "succeeded" {
+                published.insert(task);
+            }
+        }
+    }
+
+    /// How many attempts were claimed by a worker, and how many left an outcome.
+    pub fn attempts(&self) -> (usize, usize) {
+        let folders = |path: &Path| -> Vec<PathBuf> {
+            fs::read_dir(path).map(|entries| entries.flatten().map(|e| e.path()).collect()).unwrap_or_default()
+        };
+        let all: Vec<PathBuf> = folders(&self.run_dir().join("attempts")).iter().flat_map(|p| folders(p)).collect();
+        let with = |name: &str| all.iter().filter(|path| path.join(name).exists()).count();
+        (with("started.json"), with("outcome.json"))
+    }
+}

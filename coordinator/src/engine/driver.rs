@@ -1,0 +1,410 @@
+//! The driver inside an allocation: walks patients' chains by the same decisions as the coordinator, without its
+//! database.
+//!
+//! A patient waits in the queue once: what follows from a simulation is derived here ([`workflow::evaluate`]) and begun
+//! at once. Every simulation is an attempt in a directory of its own, as if the coordinator had begun it; the coordinator
+//! finds these directories and writes its books from them. What the time left does not hold is not begun.
+
+use std::collections::{BTreeMap, HashMap, VecDeque};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+use cardiotwin_schemas::SCHEMA_VERSION;
+use cardiotwin_schemas::allocation::{AttemptAllocation, DriverClaim, DriverEnd, DriverEnding, JobOrder, Standing};
+use cardiotwin_schemas::ids::{AttemptId, TaskKey};
+use cardiotwin_schemas::outcome::{Ending, TaskOutcome};
+use cardiotwin_schemas::task::{AttemptSpec, TaskSpec};
+use tokio::signal::unix::{SignalKind, signal};
+
+use super::workflow::{self, Next, Settled};
+use super::world::attempt_directory;
+use super::{EngineError, StopLevel, StopSignal};
+use crate::clock;
+use crate::dispatch::slurm::folder::{self, JobFolder};
+use crate::dispatch::{self, Evidence, Executor, Local, News, Order};
+use crate::machine::job::AttemptEnding;
+use crate::machine::judge::judge;
+use crate::machine::task::{Task, TaskEvent};
+
+/// How often fence and clock are looked at.
+const TICK: Duration = Duration::from_millis(500);
+/// How long workers may take to leave their checkpoints when the job ends.
+const GRACE: Duration = Duration::from_secs(60);
+
+/// Which part of which job a driver is.
+#[derive(Debug, Clone)]
+pub struct DriverPlace {
+    /// The job's folder.
+    pub folder: PathBuf,
+    /// Element of the array; 0 where it is none.
+    pub element: u32,
+    /// Which of the element's nodes, from 0.
+    pub node: u32,
+    /// The scheduler's number of the job.
+    pub id: Option<String>,
+    /// When it is to have left, milliseconds since 1970.
+    pub leave_at_ms: Option<i64>,
+}
+
+/// Does what the order of a driver's place says.
+///
+/// `warned` tells whether a stop means that the time ran out. `None`: another driver had claimed the place before.
+///
+/// # Errors
+/// [`EngineError`] where the job's folder or an attempt's cannot be read or written.
+pub async fn drive_job<E: Executor>(
+    place: &DriverPlace,
+    executor: impl FnOnce(&JobOrder) -> E,
+    stop: StopSignal,
+    warned: impl Fn() -> bool,
+) -> Result<Option<DriverEnd>, EngineError> {
+    let began = Instant::now();
+    let folder = JobFolder::at(&place.folder);
+    let order = folder.order(place.element)?;
+    let claim = DriverClaim { job: place.id.clone(), claim: dispatch::claim_of_this_process() };
+    if !folder.claim(place.element, place.node, &claim)? {
+        return Ok(None);
+    }
+    let executor = executor(&order);
+    let mut driver = Driver {
+        ledger: Ledger::new(&order),
+        queue: (0..order.patients.len()).collect(),
+        order,
+        place,
+        folder: folder.clone(),
+        executor,
+        running: HashMap::new(),
+        left: BTreeMap::new(),
+        leaving: None,
+    };
+    driver.run(&stop, &warned).await?;
+    let end = DriverEnd {
+        at: clock::now_utc(),
+        because: driver.leaving.unwrap_or(DriverEnding::Finished),
+        left: driver.left.iter().map(|(&p, why)| (driver.order.patients[p].plan.id.clone(), why.clone())).collect(),
+        wall_s: began.elapsed().as_secs_f64(),
+    };
+    folder.leave(place.element, place.node, &end)?;
+    Ok(Some(end))
+}
+
+/// [`drive_job`] with worker processes on this node; SIGUSR1 is the warning before the walltime.
+///
+/// # Errors
+/// As [`drive_job`].
+pub async fn drive_here(place: &DriverPlace) -> Result<Option<DriverEnd>, EngineError> {
+    let file = |source| EngineError::File { what: "catch signals for", path: place.folder.clone(), source };
+    let stop = StopSignal::from_signals().map_err(file)?;
+    let warned = Arc::new(AtomicBool::new(false));
+    let mut warnings = signal(SignalKind::user_defined1()).map_err(file)?;
+    let (told, asks) = (Arc::clone(&warned), stop.clone());
+    tokio::spawn(async move {
+        while warnings.recv().await.is_some() {
+            if !told.swap(true, Ordering::Relaxed) {
+                asks.ask();
+            }
+        }
+    });
+    let local = |order: &JobOrder| Local::new(order.worker.clone(), order.lanes.max(1) as usize).with_grace(GRACE);
+    drive_job(place, local, stop, || warned.load(Ordering::Relaxed)).await
+}
+
+struct Driver<'a, E> {
+    order: JobOrder,
+    place: &'a DriverPlace,
+    folder: JobFolder,
+    executor: E,
+    ledger: Ledger,
+    /// Patients that nobody has taken yet, as far as this driver knows.
+    queue: VecDeque<usize>,
+    /// Attempts at work, with the patients that wait for each.
+    running: HashMap<AttemptId, Vec<usize>>,
+    left: BTreeMap<usize, String>,
+    leaving: Option<DriverEnding>,
+}
+
+impl<E: Executor> Driver<'_, E> {
+    async fn run(&mut self, stop: &StopSignal, warned: &impl Fn() -> bool) -> Result<(), EngineError> {
+        loop {
+            self.leave_if_told(stop, warned)?;
+            while self.leaving.is_none() && self.executor.free() > 0 {
+                let Some(patient) = self.queue.pop_front() else { break };
+                if self.folder.take(self.place.element, patient)? {
+                    self.walk(patient).await?;
+                }
+            }
+            if self.leaving.is_some() {
+                self.queue.drain(..).for_each(|patient| {
+                    self.left.insert(patient, "not begun: the job was at its end".to_owned());
+                });
+            }
+            if self.running.is_empty() {
+                return Ok(());
+            }
+            let news = tokio::select! {
+                biased;
+                news = self.executor.news() => news,
+                () = stop.raised_above(StopLevel::Run), if self.leaving.is_none() => Vec::new(),
+                () = tokio::time::sleep(TICK) => Vec::new(),
+            };
+            for item in news {
+                match item {
+                    News::Ended { attempt, evidence, .. } => self.ended(&attempt, evidence).await?,
+                    News::Vanished { attempt } => self.leave(&attempt, "its worker went out of sight"),
+                    News::Alive { .. } => {}
+                }
+            }
+        }
+    }
+
+    /// The warning before the walltime, a stop, a fence: workers leave their checkpoints and end.
+    fn leave_if_told(&mut self, stop: &StopSignal, warned: &impl Fn() -> bool) -> Result<(), EngineError> {
+        if self.leaving.is_some() {
+            return Ok(());
+        }
+        self.leaving = if self.folder.is_fenced(self.place.element) {
+            Some(DriverEnding::Fenced)
+        } else if stop.level() > StopLevel::Run || self.is_late(0.0) {
+            Some(if warned() || self.is_late(0.0) { DriverEnding::OutOfTime } else { DriverEnding::Stopped })
+        } else {
+            None
+        };
+        if self.leaving.is_some() {
+            for attempt in self.running.keys().cloned().collect::<Vec<_>>() {
+                let directory = self.directory(&attempt);
+                self.executor.stop(&attempt, &directory, false)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Whether something that takes so long would not be done in time.
+    fn is_late(&self, takes_s: f64) -> bool {
+        self.place.leave_at_ms.is_some_and(|at| clock::now_ms() as f64 + takes_s * 1000.0 >= at as f64)
+    }
+
+    fn directory(&self, attempt: &AttemptId) -> PathBuf {
+        self.order.run_dir.join(attempt_directory(attempt))
+    }
+
+    /// Goes on with a patient until an attempt runs, or nothing is left to do.
+    async fn walk(&mut self, patient: usize) -> Result<(), EngineError> {
+        loop {
+            let of = &self.order.patients[patient];
+            let next = workflow::evaluate(&of.plan, &of.carried, &|key| self.ledger.settled(key)).next;
+            let Next::Run { key, spec, .. } = next else { return Ok(()) };
+            if let Some((_, waiters)) = self.running.iter_mut().find(|(attempt, _)| attempt.task == key) {
+                waiters.push(patient); // two patients want the same
+                return Ok(());
+            }
+            if let Some(why) = self.hindrance(spec.kind()) {
+                self.left.insert(patient, why);
+                return Ok(());
+            }
+            let attempt = AttemptId { generation: self.ledger.generation(&key) + 1, task: key };
+            if self.begin(&attempt, &spec).await? {
+                self.running.insert(attempt, vec![patient]);
+                return Ok(());
+            }
+            if let Some(why) = self.take_over(&attempt, &spec)? {
+                self.left.insert(patient, why);
+                return Ok(());
+            }
+        }
+    }
+
+    fn hindrance(&self, kind: &str) -> Option<String> {
+        let expected_s = self.order.expected_s.get(kind).copied().unwrap_or(0.0).max(self.ledger.longest_s(kind));
+        if self.folder.is_fenced(self.place.element) {
+            Some("the job was revoked".to_owned())
+        } else if self.leaving.is_some() {
+            Some("the job was at its end".to_owned())
+        } else if self.is_late(expected_s) {
+            Some(format!("{kind} is expected to take {expected_s:.0} s, more than the job had left"))
+        } else {
+            None
+        }
+    }
+
+    /// Begins an attempt; false where its directory was there before.
+    async fn begin(&mut self, attempt: &AttemptId, task: &TaskSpec) -> Result<bool, EngineError> {
+        let directory = self.directory(attempt);
+        let spec = AttemptSpec {
+            schema_version: SCHEMA_VERSION,
+            attempt: attempt.clone(),
+            threads: self.order.threads,
+            instruction_set: self.order.instruction_set,
+            vtu_every_ms: self.order.vtu_every_ms,
+            task: task.clone(),
+        };
+        let (job, element, id) = (self.order.job.clone(), self.place.element, self.place.id.clone());
+        if !folder::make_attempt(&directory, &spec, &AttemptAllocation { job, element, id })? {
+            return Ok(false);
+        }
+        self.ledger.start(attempt, task.kind());
+        self.executor.submit(Order { spec, directory }).await?;
+        Ok(true)
+    }
+
+    /// An attempt of this generation was begun by another job. A result that it left is as good as ours; one whose job
+    /// was revoked is fenced and gone past; one whose job may live keeps the patient. Tells why the patient is left.
+    fn take_over(&mut self, attempt: &AttemptId, spec: &TaskSpec) -> Result<Option<String>, EngineError> {
+        let directory = self.directory(attempt);
+        let owner = folder::allocation_of(&directory);
+        let revoked = directory.join(dispatch::FENCE).exists()
+            || owner.as_ref().is_some_and(|o| JobFolder::of(&self.order.run_dir, &o.job).is_fenced(o.element));
+        if revoked {
+            dispatch::fence(&directory)?;
+        }
+        // After the fence: what is not there now will never be.
+        if let Some(evidence) = dispatch::outcome(&directory)? {
+            if matches!(&evidence, Evidence::Outcome { outcome, .. } if matches!(outcome.ending, Ending::Cancelled)) {
+                self.ledger.skip(&attempt.task);
+                return Ok(None);
+            }
+            self.ledger.start(attempt, spec.kind());
+            self.settle(attempt, spec.kind(), evidence);
+            return Ok(None);
+        }
+        if !revoked {
+            let owner = owner.map_or("a local worker".to_owned(), |owner| format!("job {}", owner.job));
+            return Ok(Some(format!("{owner} is at the same task")));
+        }
+        self.ledger.skip(&attempt.task);
+        Ok(None)
+    }
+
+    async fn ended(&mut self, attempt: &AttemptId, evidence: Evidence) -> Result<(), EngineError> {
+        let Some(waiters) = self.running.remove(attempt) else { return Ok(()) };
+        let reason = match &evidence {
+            Evidence::Nothing { reason, .. } => reason.clone(),
+            Evidence::Outcome { .. } => "its worker was stopped".to_owned(),
+        };
+        let kind = self.ledger.kind(&attempt.task);
+        let settled = self.settle(attempt, &kind, evidence);
+        for patient in waiters {
+            if settled {
+                Box::pin(self.walk(patient)).await?;
+            } else {
+                // Whose fault it was the coordinator decides: it knows what the scheduler says.
+                self.left.insert(patient, reason.clone());
+            }
+        }
+        Ok(())
+    }
+
+    fn leave(&mut self, attempt: &AttemptId, why: &str) {
+        for patient in self.running.remove(attempt).unwrap_or_default() {
+            self.left.insert(patient, why.to_owned());
+        }
+    }
+
+    /// Takes an attempt's end to the ledger; tells whether it settled its task.
+    fn settle(&mut self, attempt: &AttemptId, kind: &str, evidence: Evidence) -> bool {
+        let (how, outcome) = match evidence {
+            Evidence::Outcome { outcome, .. } => (judge(attempt, kind, &outcome), Some(*outcome)),
+            Evidence::Nothing { reason, .. } => (AttemptEnding::Lost { reason }, None),
+        };
+        self.ledger.ended(attempt, how, outcome)
+    }
+}
+
+/// What a driver knows of tasks.
+#[derive(Debug, Default)]
+struct Ledger {
+    run_dir: PathBuf,
+    tasks: HashMap<TaskKey, Entry>,
+}
+
+#[derive(Debug, Default)]
+struct Entry {
+    state: Task,
+    outcome: Option<TaskOutcome>,
+    kind: String,
+}
+
+impl Ledger {
+    fn new(order: &JobOrder) -> Self {
+        let mut ledger = Self { run_dir: order.run_dir.clone(), tasks: HashMap::new() };
+        for known in order.patients.iter().flat_map(|patient| &patient.known) {
+            let generation = known.generation;
+            let (state, outcome) = match &known.standing {
+                Standing::Open => (Task::Open { generation, site_failures: 0 }, None),
+                Standing::Failed(failure) => (Task::Failed { generation, failure: failure.clone() }, None),
+                Standing::Published => match read_outcome(&ledger.run_dir, &known.task, generation) {
+                    Some(outcome) => (Task::Published { generation }, Some(outcome)),
+                    // Its files are gone: it is computed once more, under a further generation.
+                    None => (Task::Open { generation, site_failures: 0 }, None),
+                },
+            };
+            ledger.tasks.insert(known.task.clone(), Entry { state, outcome, kind: String::new() });
+        }
+        ledger
+    }
+
+    fn settled(&self, key: &TaskKey) -> Option<Settled<'_>> {
+        let entry = self.tasks.get(key)?;
+        match &entry.state {
+            Task::Published { generation } => {
+                let outcome = entry.outcome.as_ref()?;
+                let Ending::Succeeded { result } = &outcome.ending else { return None };
+                let attempt = AttemptId { task: key.clone(), generation: *generation };
+                let directory = self.run_dir.join(attempt_directory(&attempt));
+                Some(Settled::Published { result, artefacts: &outcome.artefacts, directory })
+            }
+            Task::Failed { failure, .. } => Some(Settled::Failed(failure)),
+            Task::Open { .. } | Task::Attempting { .. } => None,
+        }
+    }
+
+    fn generation(&self, key: &TaskKey) -> u32 {
+        self.tasks.get(key).map_or(0, |entry| entry.state.generation())
+    }
+
+    fn kind(&self, key: &TaskKey) -> String {
+        self.tasks.get(key).map(|entry| entry.kind.clone()).unwrap_or_default()
+    }
+
+    /// Longest wall time of a task of this kind that was seen here.
+    fn longest_s(&self, kind: &str) -> f64 {
+        let outcomes =
+            self.tasks.values().filter(|entry| entry.kind == kind).filter_map(|entry| entry.outcome.as_ref());
+        outcomes.map(|outcome| outcome.provenance.wall_s).fold(0.0, f64::max)
+    }
+
+    fn start(&mut self, attempt: &AttemptId, kind: &str) {
+        let entry = self.tasks.entry(attempt.task.clone()).or_default();
+        kind.clone_into(&mut entry.kind);
+        entry.state = Task::Attempting { generation: attempt.generation, site_failures: 0 };
+    }
+
+    /// A generation that another, revoked job had begun.
+    fn skip(&mut self, key: &TaskKey) {
+        let generation = self.generation(key) + 1;
+        self.tasks.entry(key.clone()).or_default().state = Task::Open { generation, site_failures: 0 };
+    }
+
+    fn ended(&mut self, attempt: &AttemptId, how: AttemptEnding, outcome: Option<TaskOutcome>) -> bool {
+        let Some(entry) = self.tasks.get_mut(&attempt.task) else { return false };
+        // Whether a failure of the site's is tried again is the coordinator's to say.
+        if how.failure().is_some_and(|f| f.class == cardiotwin_schemas::failure::FailureClass::Site) {
+            return false;
+        }
+        let event = TaskEvent::Ended { generation: attempt.generation, how, site_retries: 0 };
+        if let Ok(state) = entry.state.clone().on(event) {
+            entry.state = state;
+            entry.outcome = outcome;
+        }
+        entry.state.is_final()
+    }
+}
+
+fn read_outcome(run_dir: &Path, task: &TaskKey, generation: u32) -> Option<TaskOutcome> {
+    let attempt = AttemptId { task: task.clone(), generation };
+    match dispatch::outcome(&run_dir.join(attempt_directory(&attempt))) {
+        Ok(Some(Evidence::Outcome { outcome, .. })) => Some(*outcome),
+        _ => None,
+    }
+}

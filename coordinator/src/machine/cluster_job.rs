@@ -1,0 +1,351 @@
+//! A job of a cluster: a submission under a unique name, and its elements, which live and end each by itself. A job
+//! that is no array has one element.
+//!
+//! ```text
+//!  submission:            Accepted                        element:  Waiting ⇄ Running ──┐ Ended
+//!  Intended ───────────────────────────► Accepted                     │ ▲ Vanished      ├───────► Over
+//!     │  │ Doubt                            ▲                         ▼ │ Seen          │
+//!     │  └──────► Doubtful ─────────────────┤ Accepted (looked up)    Unknown ──────────┤ GiveUp (fenced)
+//!     │ Refused      │ Absent, after a grace│                          │ Cancel         │
+//!     ▼              ▼                                                 ▼                │
+//!    Void ◄──────── Void (fenced)                                     Stopping ─────────┘
+//! ```
+//! The name is durable before the scheduler is asked for anything. `Unknown` is no ending: absence from the queue never is.
+//! What is given up is fenced first, so that a job that lives on unseen begins and publishes nothing.
+
+use cardiotwin_schemas::failure::SiteCause;
+use serde::{Deserialize, Serialize};
+
+use super::IllegalTransition;
+
+/// A job with its elements.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct ClusterJob {
+    /// Whether the scheduler has it.
+    pub submission: Submission,
+    /// How each element stands.
+    pub elements: Vec<Element>,
+}
+
+/// Whether the scheduler has a job.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "submission", rename_all = "kebab-case")]
+pub enum Submission {
+    /// Its name is durable; whether the scheduler was asked is told by the job's folder.
+    Intended,
+    /// The scheduler was asked and its answer was none: the name is looked up.
+    Doubtful {
+        /// Milliseconds since 1970.
+        since_ms: i64,
+        /// What was seen.
+        why: String,
+    },
+    /// The scheduler has it.
+    Accepted {
+        /// Its number, where it was told.
+        job: Option<u64>,
+    },
+    /// No job came of it.
+    Void {
+        /// Why.
+        why: String,
+    },
+}
+
+/// How an element stands.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "element", rename_all = "kebab-case")]
+pub enum Element {
+    /// In the queue, or on its way there.
+    Waiting,
+    /// It has nodes.
+    Running,
+    /// Neither alive nor ended as far as can be seen.
+    Unknown {
+        /// Milliseconds since 1970.
+        since_ms: i64,
+        /// For a person.
+        why: String,
+    },
+    /// Asked to end.
+    Stopping,
+    /// Over.
+    Over {
+        /// How.
+        ending: Ending,
+    },
+}
+
+/// How an element ended.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Ending {
+    /// What it died of; nothing where it came to its own end or was not wanted any more.
+    pub cause: Option<SiteCause>,
+    /// For a person.
+    pub words: String,
+}
+
+/// What happens to a job. The first two are commands.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "event", rename_all = "kebab-case")]
+pub enum JobEvent {
+    /// Command: an element is not wanted any more.
+    Cancel {
+        /// Which.
+        element: usize,
+    },
+    /// Command: the grace of an unknown element is over.
+    GiveUp {
+        /// Which.
+        element: usize,
+    },
+    /// The scheduler has it.
+    Accepted {
+        /// Its number, where it was told.
+        job: Option<u64>,
+    },
+    /// The scheduler does not take it, and never will as it is.
+    Refused {
+        /// In its words.
+        why: String,
+    },
+    /// It was asked, and what it said is no answer.
+    Doubt {
+        /// Milliseconds since 1970.
+        at_ms: i64,
+        /// What was seen.
+        why: String,
+    },
+    /// A lookup that was answered does not know the name, and the grace since the doubt is over.
+    Absent,
+    /// An element was seen alive.
+    Seen {
+        /// Which.
+        element: usize,
+        /// Whether it has begun.
+        runs: bool,
+    },
+    /// An element is not where it was.
+    Vanished {
+        /// Which.
+        element: usize,
+        /// Milliseconds since 1970.
+        at_ms: i64,
+        /// For a person.
+        why: String,
+    },
+    /// An element ended.
+    Ended {
+        /// Which.
+        element: usize,
+        /// How.
+        ending: Ending,
+    },
+}
+
+/// What to do about it. Each may be done twice.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum JobAction {
+    /// Fence an element's folder.
+    Fence(usize),
+    /// Cancel an element at the scheduler.
+    Cancel(usize),
+}
+
+impl ClusterJob {
+    /// A job whose name is about to be durable.
+    #[must_use]
+    pub fn intended(n_elements: usize) -> Self {
+        Self { submission: Submission::Intended, elements: vec![Element::Waiting; n_elements] }
+    }
+
+    /// Whether nothing of it can live any more.
+    #[must_use]
+    pub fn is_over(&self) -> bool {
+        self.elements.iter().all(|element| matches!(element, Element::Over { .. }))
+    }
+
+    /// One word for tables.
+    #[must_use]
+    pub fn word(&self, element: usize) -> &'static str {
+        match (&self.submission, self.elements.get(element)) {
+            (_, Some(Element::Over { .. }) | None) => "over",
+            (Submission::Intended, _) => "submitting",
+            (Submission::Doubtful { .. }, _) => "doubtful",
+            (_, Some(Element::Waiting)) => "waiting",
+            (_, Some(Element::Running)) => "running",
+            (_, Some(Element::Unknown { .. })) => "unknown",
+            (_, Some(Element::Stopping)) => "stopping",
+        }
+    }
+
+    /// Next state and what to do about it.
+    ///
+    /// # Errors
+    /// [`IllegalTransition`] for a command that makes no sense here; never for an observation.
+    pub fn on(mut self, event: JobEvent) -> Result<(Self, Vec<JobAction>), IllegalTransition> {
+        use JobEvent as E;
+        let mut actions = Vec::new();
+        match event {
+            E::Accepted { job } => match &mut self.submission {
+                Submission::Intended | Submission::Doubtful { .. } => self.submission = Submission::Accepted { job },
+                Submission::Accepted { job: known } => *known = known.or(job),
+                // Given up and fenced: what turns up late is a job that does nothing, and is cancelled.
+                Submission::Void { .. } => actions.extend((0..self.elements.len()).map(JobAction::Cancel)),
+            },
+            E::Refused { why } => {
+                if matches!(self.submission, Submission::Intended | Submission::Doubtful { .. }) {
+                    self.end_all(Some(SiteCause::Refused), &why);
+                    self.submission = Submission::Void { why };
+                }
+            }
+            E::Doubt { at_ms, why } => {
+                if self.submission == Submission::Intended {
+                    self.submission = Submission::Doubtful { since_ms: at_ms, why };
+                }
+            }
+            E::Absent => {
+                if let Submission::Doubtful { why, .. } = &self.submission {
+                    let why = format!("never reached the queue: {why}");
+                    actions.extend((0..self.elements.len()).map(JobAction::Fence));
+                    self.end_all(None, &why);
+                    self.submission = Submission::Void { why };
+                }
+            }
+            E::Seen { element, runs } => {
+                if matches!(self.submission, Submission::Intended | Submission::Doubtful { .. }) {
+                    self.submission = Submission::Accepted { job: None };
+                }
+                if let Some(state @ (Element::Waiting | Element::Running | Element::Unknown { .. })) =
+                    self.elements.get_mut(element)
+                {
+                    *state = if runs { Element::Running } else { Element::Waiting };
+                }
+            }
+            E::Vanished { element, at_ms, why } => {
+                if let Some(state @ (Element::Waiting | Element::Running)) = self.elements.get_mut(element) {
+                    *state = Element::Unknown { since_ms: at_ms, why };
+                }
+            }
+            E::Ended { element, ending } => {
+                if let Some(state) = self.elements.get_mut(element).filter(|e| !matches!(e, Element::Over { .. })) {
+                    // What died because it was to be stopped died of nothing.
+                    let cause = ending.cause.filter(|_| *state != Element::Stopping);
+                    *state = Element::Over { ending: Ending { cause, ..ending } };
+                    // Its processes may live on where Slurm lost sight of them.
+                    actions.push(JobAction::Fence(element));
+                }
+            }
+            E::Cancel { element } => match self.elements.get_mut(element) {
+                Some(Element::Over { .. }) | None => return Err(illegal(&self, element, "cancel")),
+                Some(state) => {
+                    *state = Element::Stopping;
+                    actions.extend([JobAction::Fence(element), JobAction::Cancel(element)]);
+                }
+            },
+            E::GiveUp { element } => match self.elements.get_mut(element) {
+                Some(state @ Element::Unknown { .. }) => {
+                    let Element::Unknown { why, .. } = &*state else { unreachable!("matched above") };
+                    let ending = Ending { cause: Some(SiteCause::Unexplained), words: format!("given up: {why}") };
+                    *state = Element::Over { ending };
+                    actions.extend([JobAction::Fence(element), JobAction::Cancel(element)]);
+                }
+                _ => return Err(illegal(&self, element, "give up")),
+            },
+        }
+        Ok((self, actions))
+    }
+
+    fn end_all(&mut self, cause: Option<SiteCause>, why: &str) {
+        for element in self.elements.iter_mut().filter(|e| !matches!(e, Element::Over { .. })) {
+            *element = Element::Over { ending: Ending { cause, words: why.to_owned() } };
+        }
+    }
+}
+
+fn illegal(job: &ClusterJob, element: usize, event: &str) -> IllegalTransition {
+    IllegalTransition { machine: "cluster job", state: job.word(element).into(), event: event.into() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn ending(cause: Option<SiteCause>) -> Ending {
+        Ending { cause, words: "so".into() }
+    }
+
+    fn events() -> Vec<JobEvent> {
+        use JobEvent as E;
+        let mut events = vec![
+            E::Accepted { job: Some(7) },
+            E::Accepted { job: None },
+            E::Refused { why: "limit".into() },
+            E::Doubt { at_ms: 5, why: "timeout".into() },
+            E::Absent,
+        ];
+        for element in 0..3 {
+            events.extend([
+                E::Cancel { element },
+                E::GiveUp { element },
+                E::Seen { element, runs: element == 0 },
+                E::Vanished { element, at_ms: 9, why: "gone".into() },
+                E::Ended { element, ending: ending(Some(SiteCause::Walltime)) },
+                E::Ended { element, ending: ending(None) },
+            ]);
+        }
+        events
+    }
+
+    proptest! {
+        /// Late, doubled and lost observations: what is over stays over, what is void never lives, nothing is undone.
+        #[test]
+        fn no_order_of_events_undoes_an_ending(order in proptest::collection::vec(0_usize..23, 0..40)) {
+            let events = events();
+            let mut job = ClusterJob::intended(2);
+            for i in order {
+                let Ok((next, actions)) = job.clone().on(events[i].clone()) else { continue };
+                for (before, after) in job.elements.iter().zip(&next.elements) {
+                    if matches!(before, Element::Over { .. }) {
+                        prop_assert_eq!(before, after);
+                    }
+                    // Nothing ends by our doing without its fence.
+                    if !matches!(before, Element::Over { .. }) && matches!(after, Element::Over { .. })
+                        && !matches!(events[i], JobEvent::Refused { .. })
+                    {
+                        prop_assert!(actions.iter().any(|a| matches!(a, JobAction::Fence(_))), "{:?}", events[i]);
+                    }
+                }
+                if matches!(job.submission, Submission::Void { .. }) {
+                    prop_assert_eq!(&job.submission, &next.submission);
+                    prop_assert!(next.is_over());
+                }
+                if matches!(job.submission, Submission::Accepted { .. }) {
+                    let accepted = matches!(next.submission, Submission::Accepted { .. });
+                    prop_assert!(accepted, "{:?}", next.submission);
+                }
+                job = next;
+            }
+        }
+    }
+
+    #[test]
+    fn a_job_that_turns_up_after_it_was_given_up_is_cancelled() {
+        let doubt = JobEvent::Doubt { at_ms: 1, why: "Socket timed out".into() };
+        let (job, _) = ClusterJob::intended(1).on(doubt).unwrap();
+        let (job, actions) = job.on(JobEvent::Absent).unwrap();
+        assert_eq!(actions, [JobAction::Fence(0)]);
+        let (job, actions) = job.on(JobEvent::Accepted { job: Some(9) }).unwrap();
+        assert_eq!(actions, [JobAction::Cancel(0)]);
+        assert!(job.is_over());
+    }
+
+    #[test]
+    fn what_was_stopped_died_of_nothing() {
+        let (job, _) = ClusterJob::intended(1).on(JobEvent::Accepted { job: Some(9) }).unwrap();
+        let (job, _) = job.on(JobEvent::Cancel { element: 0 }).unwrap();
+        let (job, _) = job.on(JobEvent::Ended { element: 0, ending: ending(Some(SiteCause::Cancelled)) }).unwrap();
+        assert_eq!(job.elements, [Element::Over { ending: ending(None) }]);
+    }
+}

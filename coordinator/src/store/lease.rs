@@ -1,0 +1,237 @@
+//! The lease of a coordinator's tick where an operating system's lock may not reach: hosts that share a file system.
+//!
+//! Files `lease/<generation>.json`, each created exclusively, the highest counts. Whoever finds it released, expired or
+//! its process dead creates the next one: of several, one succeeds. A holder looks before each commit whether a higher
+//! one exists, so that a tick that slept through its lease commits nothing.
+
+use std::fs;
+use std::io::{self, Write as _};
+use std::path::{Path, PathBuf};
+
+use cardiotwin_schemas::progress::Claim;
+use serde::{Deserialize, Serialize};
+
+use super::StoreError;
+use super::lock::{LockError, LockHolder};
+use crate::clock;
+
+const FOLDER: &str = "lease";
+/// How long a lease holds without being renewed, ms. A tick takes seconds; it is renewed with each commit.
+pub const HOLDS_MS: i64 = 10 * 60 * 1000;
+
+/// What a lease's file says.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+struct Text {
+    holder: Claim,
+    generation: u64,
+    expires_ms: i64,
+    released: bool,
+}
+
+/// A lease that is held; released when dropped.
+#[derive(Debug)]
+pub struct Lease {
+    folder: PathBuf,
+    text: Text,
+}
+
+fn file(folder: &Path, generation: u64) -> PathBuf {
+    folder.join(format!("{generation:010}.json"))
+}
+
+impl Lease {
+    /// Takes the lease of a run directory for `holder`; `lives` tells whether a holder on this host does.
+    ///
+    /// # Errors
+    /// [`LockError::Held`] naming the holder, [`LockError::Io`] for the rest.
+    pub fn acquire(
+        run_dir: &Path,
+        holder: &Claim,
+        lives: impl Fn(&Claim) -> Option<bool>,
+        now_ms: i64,
+    ) -> Result<Self, LockError> {
+        let folder = run_dir.join(FOLDER);
+        let io = |path: &Path| {
+            let file = path.to_owned();
+            move |source| LockError::Io { file, source }
+        };
+        fs::create_dir_all(&folder).map_err(io(&folder))?;
+        loop {
+            let highest = highest(&folder).map_err(io(&folder))?;
+            if highest > 0 {
+                // Half written is as held: its writer is at it, or the time since it was made decides.
+                let found = read(&file(&folder, highest));
+                let held = match &found {
+                    Some(text) => !text.released && now_ms < text.expires_ms && lives(&text.holder) != Some(false),
+                    None => is_young(&file(&folder, highest), now_ms),
+                };
+                if held {
+                    let holder = found.map_or_else(
+                        || LockHolder { host: "an unknown host".into(), pid: 0, since: "a moment ago".into() },
+                        |text| LockHolder { host: text.holder.host, pid: text.holder.pid, since: text.holder.at },
+                    );
+                    return Err(LockError::Held { dir: run_dir.to_owned(), holder });
+                }
+            }
+            let generation = highest + 1;
+            let expires_ms = now_ms + HOLDS_MS;
+            let lease = Self {
+                text: Text { holder: holder.clone(), generation, expires_ms, released: false },
+                folder: folder.clone(),
+            };
+            let path = file(&folder, generation);
+            match fs::File::options().write(true).create_new(true).open(&path) {
+                Ok(mut created) => {
+                    created.write_all(&lease.json()).and_then(|()| created.sync_all()).map_err(io(&path))?;
+                    lease.forget_older();
+                    return Ok(lease);
+                }
+                // Another was faster: look who.
+                Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {}
+                Err(error) => return Err(io(&path)(error)),
+            }
+        }
+    }
+
+    /// Before a commit: whether the lease still holds; renews it.
+    ///
+    /// # Errors
+    /// [`StoreError::LeaseLost`] where another took it.
+    pub fn check(&mut self, now_ms: i64) -> Result<(), StoreError> {
+        let failed = |folder: &Path| {
+            let file = folder.to_owned();
+            move |source| StoreError::File { what: "look into", file, source }
+        };
+        let highest = highest(&self.folder).map_err(failed(&self.folder))?;
+        if highest != self.text.generation || now_ms >= self.text.expires_ms {
+            return Err(StoreError::LeaseLost { generation: self.text.generation, now: highest });
+        }
+        if self.text.expires_ms - now_ms < HOLDS_MS / 2 {
+            self.text.expires_ms = now_ms + HOLDS_MS;
+            self.rewrite().map_err(failed(&self.folder))?;
+        }
+        Ok(())
+    }
+
+    fn json(&self) -> Vec<u8> {
+        serde_json::to_vec(&self.text).expect("plain fields are JSON")
+    }
+
+    fn rewrite(&self) -> io::Result<()> {
+        let path = file(&self.folder, self.text.generation);
+        let draft = path.with_extension("new");
+        fs::write(&draft, self.json())?;
+        fs::rename(&draft, &path)
+    }
+
+    fn forget_older(&self) {
+        for entry in fs::read_dir(&self.folder).into_iter().flatten().flatten() {
+            if generation_of(&entry.path()).is_some_and(|generation| generation < self.text.generation) {
+                let _ = fs::remove_file(entry.path()); // a trace of the past, no more
+            }
+        }
+    }
+}
+
+impl Drop for Lease {
+    fn drop(&mut self) {
+        if highest(&self.folder).is_ok_and(|highest| highest == self.text.generation) {
+            self.text.released = true;
+            // What is not written expires, or is known by its dead process.
+            let _ = self.rewrite();
+        }
+    }
+}
+
+fn generation_of(path: &Path) -> Option<u64> {
+    let name = path.file_name()?.to_str()?;
+    name.strip_suffix(".json")?.parse().ok()
+}
+
+fn highest(folder: &Path) -> io::Result<u64> {
+    let mut highest = 0;
+    for entry in fs::read_dir(folder)? {
+        highest = highest.max(generation_of(&entry?.path()).unwrap_or(0));
+    }
+    Ok(highest)
+}
+
+fn read(path: &Path) -> Option<Text> {
+    serde_json::from_slice(&fs::read(path).ok()?).ok()
+}
+
+/// Whether a file was made less than a lease's time ago.
+fn is_young(path: &Path, now_ms: i64) -> bool {
+    let modified = path.metadata().and_then(|m| m.modified()).ok();
+    let made = modified.and_then(|at| at.duration_since(std::time::UNIX_EPOCH).ok());
+    made.is_some_and(|made| now_ms - i64::try_from(made.as_millis()).unwrap_or(0) < HOLDS_MS)
+}
+
+/// Who holds the lease of a run now, as far as its file tells.
+#[must_use]
+pub fn holder(run_dir: &Path) -> Option<LockHolder> {
+    let folder = run_dir.join(FOLDER);
+    let text = read(&file(&folder, highest(&folder).ok()?))?;
+    let held = !text.released && clock::now_ms() < text.expires_ms;
+    held.then(|| LockHolder { host: text.holder.host, pid: text.holder.pid, since: text.holder.at })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn claim(host: &str, pid: u32) -> Claim {
+        Claim { host: host.into(), boot_id: "b".into(), pid, pid_start_ticks: 1, at: "T".into() }
+    }
+
+    #[test]
+    fn one_holds_it_the_next_takes_over_and_the_first_commits_nothing_more() {
+        let dir = tempfile::tempdir().unwrap();
+        let elsewhere = |_: &Claim| None;
+        let mut first = Lease::acquire(dir.path(), &claim("a", 1), elsewhere, 1000).unwrap();
+        first.check(2000).unwrap();
+        let error = Lease::acquire(dir.path(), &claim("b", 2), elsewhere, 2000).unwrap_err();
+        assert!(error.to_string().contains("process 1 on a"), "{error}");
+        // It slept: expired, and taken over from another host.
+        let later = 1000 + HOLDS_MS;
+        assert!(matches!(first.check(later), Err(StoreError::LeaseLost { .. })));
+        let mut second = Lease::acquire(dir.path(), &claim("b", 2), elsewhere, later).unwrap();
+        assert!(matches!(first.check(2000), Err(StoreError::LeaseLost { generation: 1, now: 2 })));
+        drop(first);
+        second.check(later + 1).unwrap();
+        // Released: free at once.
+        drop(second);
+        Lease::acquire(dir.path(), &claim("a", 3), elsewhere, later + 2).unwrap();
+    }
+
+    #[test]
+    fn a_dead_holder_on_this_host_is_not_waited_for() {
+        let dir = tempfile::tempdir().unwrap();
+        let first = Lease::acquire(dir.path(), &claim("a", 1), |_| None, 1000).unwrap();
+        std::mem::forget(first);
+        assert!(Lease::acquire(dir.path(), &claim("a", 2), |_| Some(true), 1001).is_err());
+        let mut second = Lease::acquire(dir.path(), &claim("a", 2), |_| Some(false), 1001).unwrap();
+        // Renewed before half of it is over.
+        second.check(1001 + HOLDS_MS * 3 / 4).unwrap();
+        second.check(1001 + HOLDS_MS * 5 / 4).unwrap();
+    }
+
+    #[test]
+    fn of_many_one_gets_it() {
+        let dir = tempfile::tempdir().unwrap();
+        let barrier = std::sync::Barrier::new(8);
+        let held: Vec<_> = std::thread::scope(|scope| {
+            let threads: Vec<_> = (0..8)
+                .map(|pid| {
+                    let (barrier, path) = (&barrier, dir.path());
+                    scope.spawn(move || {
+                        barrier.wait();
+                        Lease::acquire(path, &claim("a", pid), |_| None, 1000).ok()
+                    })
+                })
+                .collect();
+            threads.into_iter().filter_map(|thread| thread.join().unwrap()).collect()
+        });
+        assert_eq!(held.len(), 1);
+    }
+}

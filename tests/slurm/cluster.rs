@@ -1,0 +1,111 @@
+//! The Slurm that the tests run against.
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+use std::time::{Duration, Instant};
+
+/// Far longer than a slow machine takes: reached only where something is wrong.
+pub const PATIENCE: Duration = Duration::from_secs(300);
+
+/// A Slurm made by deploy/one-machine-slurm.sh.
+pub struct Cluster {
+    folder: PathBuf,
+    pub conf: PathBuf,
+    ours: bool,
+}
+
+fn script() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../deploy/one-machine-slurm.sh")
+}
+
+impl Cluster {
+    /// The one that is there, or one that is started.
+    pub fn get() -> Result<Self, String> {
+        if let Some(conf) = std::env::var_os("SLURM_CONF").map(PathBuf::from) {
+            let folder = conf.parent().and_then(Path::parent).unwrap_or(&conf).to_owned();
+            if folder.join(".one-machine-slurm").exists() {
+                return Ok(Self { folder, conf, ours: false });
+            }
+        }
+        // Paths of sockets are short.
+        let folder = PathBuf::from(format!("/tmp/ct-slurm.{}", std::process::id()));
+        let output = Command::new(script()).arg("start").arg(&folder).output().map_err(|e| e.to_string())?;
+        if !output.status.success() {
+            return Err(String::from_utf8_lossy(&output.stderr).trim().to_owned());
+        }
+        Ok(Self { conf: folder.join("etc/slurm.conf"), folder, ours: true })
+    }
+
+    fn deploy(&self, what: &str, name: Option<&str>) -> Output {
+        let mut command = Command::new(script());
+        command.arg(what).arg(&self.folder).args(name);
+        command.output().expect("bash is there")
+    }
+
+    /// Every daemon lives and every node is up, before a test begins.
+    pub fn recover(&self) {
+        let _ = self.slurm("scancel", &["--me"]);
+        for daemon in ["slurmdbd", "slurmctld", "n1", "n2", "n3", "n4"] {
+            if !self.lives(daemon) {
+                self.deploy("revive", Some(daemon));
+            }
+        }
+        for node in ["n1", "n2", "n3", "n4"] {
+            let _ = self.slurm("scontrol", &["update", &format!("nodename={node}"), "state=resume"]);
+        }
+        self.wait("idle nodes and an empty queue", || {
+            let idle = self.slurm("sinfo", &["-h", "-N", "-p", "main", "-t", "idle", "-o", "%N"]);
+            idle.lines().count() == 4 && self.slurm("squeue", &["--me", "-h"]).is_empty()
+        });
+    }
+
+    fn pid(&self, daemon: &str) -> Option<u32> {
+        std::fs::read_to_string(self.folder.join(format!("run/{daemon}.pid"))).ok()?.trim().parse().ok()
+    }
+
+    fn lives(&self, daemon: &str) -> bool {
+        let Some(pid) = self.pid(daemon) else { return false };
+        let stat = std::fs::read_to_string(format!("/proc/{pid}/stat")).unwrap_or_default();
+        stat.rsplit(')').next().and_then(|rest| rest.split_whitespace().next()).is_some_and(|state| state != "Z")
+    }
+
+    /// Kills a daemon as `kill -9` would.
+    pub fn kill(&self, daemon: &str) {
+        self.deploy("kill", Some(daemon));
+    }
+
+    /// Starts it again.
+    pub fn revive(&self, daemon: &str) {
+        self.deploy("revive", Some(daemon));
+    }
+
+    /// Sends a daemon a signal, by its pid.
+    pub fn signal(&self, daemon: &str, signal: rustix::process::Signal) {
+        let pid = self.pid(daemon).and_then(|pid| rustix::process::Pid::from_raw(i32::try_from(pid).ok()?));
+        rustix::process::kill_process(pid.expect("the daemon runs"), signal).expect("it is ours");
+    }
+
+    /// Runs one of Slurm's commands; what it prints.
+    pub fn slurm(&self, program: &str, arguments: &[&str]) -> String {
+        let output = Command::new(program).args(arguments).env("SLURM_CONF", &self.conf).output();
+        output.map(|o| String::from_utf8_lossy(&o.stdout).into_owned()).unwrap_or_default()
+    }
+
+    /// Waits until something holds.
+    #[track_caller]
+    pub fn wait(&self, what: &str, holds: impl Fn() -> bool) {
+        let began = Instant::now();
+        while !holds() {
+            assert!(began.elapsed() < PATIENCE, "{what} did not come; the queue:\n{}", self.slurm("squeue", &[]));
+            std::thread::sleep(Duration::from_millis(50));
+        }
+    }
+}
+
+impl Drop for Cluster {
+    fn drop(&mut self) {
+        if self.ours {
+            self.deploy("stop", None);
+        }
+    }
+}

@@ -1,0 +1,223 @@
+//! A small cohort that runs on the cluster.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+
+use serde_json::Value;
+
+use crate::cluster::Cluster;
+
+const PROFILE: &str = r#"
+name = "one-machine"
+description = "deploy/one-machine-slurm.sh"
+scheduler = "slurm"
+[node]
+cores = 128
+memory_mib = 256000
+unit = "core"
+[arrays]
+allowed = true
+[poll]
+shortest_s = 1
+longest_s = 2
+[[queue]]
+name = "main"
+partition = "main"
+qos = "normal"
+uses = ["simulations", "chunks", "tick"]
+walltime = "24:00:00"
+[[queue]]
+name = "serial"
+partition = "serial"
+qos = "serial"
+uses = ["chunks"]
+walltime = "24:00:00"
+"#;
+
+/// Done within a second.
+pub const QUICK: &str = "popsize = 3\nmax_generations = 4\n";
+/// Step 2 goes on until it is stopped, and leaves checkpoints.
+pub const SLOW: &str = "popsize = 500\nmax_generations = 1000000\ntol = 0.0\n";
+
+/// What a call said, and how it ended.
+#[derive(Debug)]
+pub struct Said {
+    pub code: i32,
+    pub out: String,
+    pub err: String,
+}
+
+/// A cohort in a temporary folder.
+pub struct Cohort<'a> {
+    pub cluster: &'a Cluster,
+    pub folder: tempfile::TempDir,
+    settings: Vec<String>,
+}
+
+fn binary(name: &str) -> PathBuf {
+    let test = std::env::current_exe().expect("a test knows its own path");
+    let path = test.parent().and_then(Path::parent).expect("tests lie in target/PROFILE/deps").join(name);
+    assert!(path.is_file(), "{} is not there: `cargo build --release --workspace --bins` first", path.display());
+    path
+}
+
+impl<'a> Cohort<'a> {
+    pub fn of(cluster: &'a Cluster, patients: &[&str], step2: &str) -> Self {
+        let folder = tempfile::tempdir_in("/tmp").expect("a temporary folder");
+        let bundled = Path::new(env!("CARGO_MANIFEST_DIR")).join("../examples/coa-seven/patients");
+        for id in patients {
+            let (from, to) = (bundled.join(id), folder.path().join("patients").join(id));
+            fs::create_dir_all(&to).expect("a folder");
+            for entry in fs::read_dir(from).expect("the bundled cohort").flatten() {
+                fs::copy(entry.path(), to.join(entry.file_name())).expect("a copy");
+            }
+        }
+        let profile = folder.path().join("site.toml");
+        fs::write(&profile, PROFILE).expect("a profile");
+        let text = format!(
+            "name = \"few\"\n[solver]\nfidelity = \"reduced\"\n[step2]\nseed = 3\npolish = false\n{step2}\
+             [executor]\nkind = \"slurm\"\n[executor.slurm]\nsite = \"{}\"\ngrace_s = 3\nwarning_s = 60\njob_s = 1\n",
+            profile.display()
+        );
+        fs::write(folder.path().join("cohort.toml"), text).expect("a cohort");
+        Self { cluster, folder, settings: Vec::new() }
+    }
+
+    /// With a setting on top.
+    pub fn set(mut self, setting: &str) -> Self {
+        self.settings.push(setting.to_owned());
+        self
+    }
+
+    pub fn make_quick(&self) {
+        let path = self.folder.path().join("cohort.toml");
+        let text = fs::read_to_string(&path).expect("the cohort");
+        fs::write(&path, text.replace(SLOW, QUICK)).expect("the cohort");
+    }
+
+    pub fn command(&self, arguments: &[&str]) -> Command {
+        binary("cardiotwin-worker");
+        let mut command = Command::new(binary("cardiotwin"));
+        command
+            .args(arguments)
+            .current_dir(self.folder.path())
+            .stdin(Stdio::null())
+            .env("SLURM_CONF", &self.cluster.conf);
+        command
+    }
+
+    fn with_settings<'b>(&'b self, first: &[&'b str]) -> Vec<&'b str> {
+        let mut arguments = first.to_vec();
+        self.settings.iter().for_each(|setting| arguments.extend(["--set", setting]));
+        arguments
+    }
+
+    pub fn call(&self, arguments: &[&str]) -> Said {
+        let output = self.command(arguments).output().expect("the program starts");
+        let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
+        Said { code: output.status.code().unwrap_or(-1), out: text(&output.stdout), err: text(&output.stderr) }
+    }
+
+    /// One tick.
+    pub fn advance(&self) -> Said {
+        self.call(&self.with_settings(&["advance"]))
+    }
+
+    /// Ticks until it is over.
+    pub fn watch(&self) -> Child {
+        let arguments = self.with_settings(&["run", "--watch", "--no-report"]);
+        self.command(&arguments).stdout(Stdio::null()).stderr(Stdio::null()).spawn().expect("the program starts")
+    }
+
+    /// Advances until a tick says that nothing is left to do; its exit code.
+    #[track_caller]
+    pub fn finish(&self) -> i32 {
+        let began = std::time::Instant::now();
+        loop {
+            let said = self.advance();
+            match said.code {
+                8 => {}
+                0 | 1 => return said.code,
+                _ => panic!("{said:?}"),
+            }
+            assert!(began.elapsed() < crate::cluster::PATIENCE, "it does not end: {said:?}\n{:#}", self.status());
+            std::thread::sleep(std::time::Duration::from_millis(300));
+        }
+    }
+
+    pub fn status(&self) -> Value {
+        let said = self.call(&["status", "--json"]);
+        serde_json::from_str(&said.out).unwrap_or_else(|error| panic!("{error}: {said:?}"))
+    }
+
+    /// Advances until a job of this run runs; its number.
+    #[track_caller]
+    pub fn running_job(&self) -> String {
+        let began = std::time::Instant::now();
+        loop {
+            self.advance();
+            let status = self.status();
+            let jobs = status["cluster"]["jobs"].as_array().cloned().unwrap_or_default();
+            if let Some(job) = jobs.iter().find(|job| job["state"] == "running") {
+                return job["id"].as_str().unwrap_or_default().to_owned();
+            }
+            assert!(began.elapsed() < crate::cluster::PATIENCE, "no job runs: {status:#}");
+            std::thread::sleep(std::time::Duration::from_millis(200));
+        }
+    }
+
+    /// Folders of jobs, oldest first.
+    pub fn jobs(&self) -> Vec<PathBuf> {
+        let entries = fs::read_dir(self.folder.path().join("run/slurm")).into_iter().flatten().flatten();
+        let mut folders: Vec<PathBuf> = entries.map(|entry| entry.path()).collect();
+        folders.sort_by_key(|path| path.metadata().and_then(|m| m.created()).ok());
+        folders
+    }
+
+    /// A job's batch script.
+    pub fn script(&self, n: usize) -> String {
+        fs::read_to_string(self.jobs()[n].join("job.sh")).expect("a script")
+    }
+
+    /// Attempt directories that hold this file.
+    pub fn attempts_with(&self, name: &str) -> Vec<PathBuf> {
+        let folders = |path: &Path| -> Vec<PathBuf> {
+            fs::read_dir(path).map(|entries| entries.flatten().map(|e| e.path()).collect()).unwrap_or_default()
+        };
+        let all = folders(&self.folder.path().join("run/attempts")).iter().flat_map(|p| folders(p)).collect::<Vec<_>>();
+        all.into_iter().filter(|path| path.join(name).exists()).collect()
+    }
+
+    /// Waits until a worker is at step 2 and has left a checkpoint; its process.
+    #[track_caller]
+    pub fn wait_for_checkpoint(&self) -> u32 {
+        let found = || {
+            self.attempts_with("checkpoint").into_iter().find_map(|path| {
+                let journal = fs::read_dir(path.join("checkpoint")).ok()?.flatten().next()?.path();
+                (journal.metadata().ok()?.len() > 2000 && !path.join("outcome.json").exists()).then_some(path)
+            })
+        };
+        self.cluster.wait("a checkpoint of step 2", || found().is_some());
+        let claim = fs::read_to_string(found().expect("it was there").join("started.json")).expect("a claim");
+        let claim: Value = serde_json::from_str(&claim).expect("JSON");
+        u32::try_from(claim["pid"].as_u64().expect("a pid")).expect("a pid")
+    }
+
+    /// Every patient is done, and nothing that was published was begun again.
+    #[track_caller]
+    pub fn assert_done(&self) {
+        let status = self.status();
+        for patient in status["patients"].as_array().expect("patients") {
+            assert_eq!(patient["state"], "done", "{patient:#}");
+        }
+        for folder in self.attempts_with("outcome.json") {
+            let name = folder.file_name().expect("a name").to_string_lossy().into_owned();
+            let (task, generation) = name.rsplit_once("-g").expect("task and generation");
+            let generation: u32 = generation.parse().expect("a number");
+            let outcome = fs::read_to_string(folder.join("outcome.json")).expect("an outcome");
+            let next = folder.with_file_name(format!("{task}-g{}", generation + 1));
+            assert!(!outcome.contains("\"succeeded\"") || !next.exists(), "{name} was done and begun again");
+        }
+    }
+}

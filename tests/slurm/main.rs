@@ -1,0 +1,72 @@
+//! The coordinator against a real Slurm on this machine: cohorts, every class of failure, the scheduler's own faults.
+//!
+//! A harness of its own: one Slurm is started for all tests, unless `SLURM_CONF` names one whose folder
+//! `deploy/one-machine-slurm.sh` made, and stopped by its pids at the end. Where none can be had the tests say so.
+
+mod cluster;
+mod cohort;
+mod failures;
+mod faults;
+mod whole;
+
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::process::ExitCode;
+use std::time::Instant;
+
+use cluster::Cluster;
+
+/// A test: its name, and what it does.
+type Test = (&'static str, fn(&Cluster));
+
+const TESTS: &[Test] = &[
+    ("a cohort is done after one wait in the queue", whole::a_cohort_is_done_after_one_wait_in_the_queue),
+    ("a tick takes two commands", whole::a_tick_takes_two_commands),
+    ("no accounting is needed", faults::no_accounting_is_needed),
+    ("a frozen controller has the job all the same", faults::a_frozen_controller_has_the_job_all_the_same),
+    ("a killed coordinator is continued", faults::a_killed_coordinator_is_continued),
+    ("a job that a person cancels stays cancelled", failures::a_job_that_a_person_cancels_stays_cancelled),
+    ("cancel ends the job and waits for it", failures::cancel_ends_the_job_and_waits_for_it),
+    ("a lost node is avoided", failures::a_lost_node_is_avoided),
+    (
+        "a warning leaves a checkpoint and another job goes on",
+        failures::a_warning_leaves_a_checkpoint_and_another_job_goes_on,
+    ),
+    ("out of memory asks for more", failures::out_of_memory_asks_for_more),
+    ("a killed worker is tried again", failures::a_killed_worker_is_tried_again),
+    ("a full queue is waited for", failures::a_full_queue_is_waited_for),
+    ("what Slurm never takes is told", failures::what_slurm_never_takes_is_told),
+];
+
+fn main() -> ExitCode {
+    let wanted: Vec<String> = std::env::args().skip(1).filter(|a| !a.starts_with('-')).collect();
+    if std::env::args().any(|a| a == "--list") {
+        TESTS.iter().for_each(|(name, _)| println!("{name}: test"));
+        return ExitCode::SUCCESS;
+    }
+    let cluster = match Cluster::get() {
+        Ok(cluster) => cluster,
+        Err(why) => {
+            eprintln!("not tested: no Slurm can be had here: {why}");
+            println!("test result: ok. 0 passed; {} without a Slurm", TESTS.len());
+            return ExitCode::SUCCESS;
+        }
+    };
+    let (mut passed, mut failed) = (0, Vec::new());
+    for (name, test) in
+        TESTS.iter().filter(|(name, _)| wanted.is_empty() || wanted.iter().any(|w| name.contains(w.as_str())))
+    {
+        let began = Instant::now();
+        cluster.recover();
+        let ok = catch_unwind(AssertUnwindSafe(|| test(&cluster))).is_ok();
+        println!("test {name} ... {} ({:.1} s)", if ok { "ok" } else { "FAILED" }, began.elapsed().as_secs_f64());
+        if ok { passed += 1 } else { failed.push(*name) }
+    }
+    drop(cluster);
+    println!(
+        "test result: {}. {passed} passed; {} failed",
+        if failed.is_empty() { "ok" } else { "FAILED" },
+        failed.len()
+    );
+    failed.iter().for_each(|name| println!("failed: {name}"));
+    if failed.is_empty() { ExitCode::SUCCESS } else { ExitCode::FAILURE }
+}
