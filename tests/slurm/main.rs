@@ -21,6 +21,15 @@ type Test = (&'static str, fn(&Cluster));
 const TESTS: &[Test] = &[
     ("a cohort is done after one wait in the queue", whole::a_cohort_is_done_after_one_wait_in_the_queue),
     ("a tick takes two commands", whole::a_tick_takes_two_commands),
+    ("a plan is what is submitted", whole::a_plan_is_what_is_submitted),
+    (
+        "a job that submits itself brings a cohort to its end",
+        whole::a_job_that_submits_itself_brings_a_cohort_to_its_end,
+    ),
+    (
+        "a run on a shared file system is read from a snapshot",
+        whole::a_run_on_a_shared_file_system_is_read_from_a_snapshot,
+    ),
     ("no accounting is needed", faults::no_accounting_is_needed),
     ("a frozen controller has the job all the same", faults::a_frozen_controller_has_the_job_all_the_same),
     ("a killed coordinator is continued", faults::a_killed_coordinator_is_continued),

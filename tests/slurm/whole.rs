@@ -45,3 +45,67 @@ pub fn a_tick_takes_two_commands(cluster: &Cluster) {
     let asked = std::fs::read_to_string(counting.path().join("log")).expect("a log");
     assert_eq!(asked, "squeue\n");
 }
+
+pub fn a_plan_is_what_is_submitted(cluster: &Cluster) {
+    let cohort = Cohort::of(cluster, &["01-CoA", "02-CoA", "03-CoA"], QUICK);
+    let plan: serde_json::Value = serde_json::from_str(&cohort.call(&["plan", "--json"]).out).expect("JSON");
+    assert_eq!(
+        (plan["jobs"][0]["elements"].as_u64(), plan["jobs"][0]["patients"].as_u64()),
+        (Some(3), Some(3)),
+        "{plan:#}"
+    );
+    assert!(plan["node_hours"].as_f64().is_some_and(|hours| hours > 0.0), "{plan:#}");
+    let script = cohort.call(&["plan", "--script"]).out;
+    assert!(cohort.jobs().is_empty() && !cohort.folder.path().join("run").exists(), "a plan changes nothing");
+    cohort.advance();
+    let name = cohort.jobs()[0].file_name().expect("a name").to_string_lossy().into_owned();
+    assert_eq!(script.trim_end().replace("ct-plan-1", &name), cohort.script(0).trim_end());
+    assert_eq!(cohort.finish(), 0);
+}
+
+pub fn a_job_that_submits_itself_brings_a_cohort_to_its_end(cluster: &Cluster) {
+    let cohort = Cohort::of(cluster, &["01-CoA"], QUICK);
+    let script = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../deploy/submit-cohort.sbatch");
+    let program = cohort.command(&[]).get_program().to_owned();
+    let sbatch = std::process::Command::new("sbatch")
+        .args(["--parsable", "--partition=main"])
+        .arg(&script)
+        .arg(cohort.folder.path())
+        .current_dir(cohort.folder.path())
+        .env("SLURM_CONF", &cluster.conf)
+        .env("CARDIOTWIN", program)
+        .envs([("CARDIOTWIN_PAUSE", "1"), ("CARDIOTWIN_TICKS", "1")])
+        .output()
+        .expect("sbatch is there");
+    assert!(sbatch.status.success(), "{}", String::from_utf8_lossy(&sbatch.stderr));
+    let log = cohort.folder.path().join("cardiotwin-advance.log");
+    let said = || std::fs::read_to_string(&log).unwrap_or_default();
+    cluster.wait("the end of the cohort", || said().contains("over: exit code"));
+    assert!(said().contains("over: exit code 0"), "{}", said());
+    cohort.assert_done();
+    assert_eq!(cohort.attempts_with("started.json").len(), cohort.attempts_with("outcome.json").len());
+}
+
+/// Where hosts share the files: no write-ahead log, readers read what was published, a copy can be taken and read.
+pub fn a_run_on_a_shared_file_system_is_read_from_a_snapshot(cluster: &Cluster) {
+    let cohort = Cohort::of(cluster, &["01-CoA"], QUICK);
+    let shared = |arguments: &[&str]| {
+        let output = cohort.command(arguments).env("CARDIOTWIN_FILE_SYSTEM", "network").output().expect("it starts");
+        (output.status.code(), String::from_utf8_lossy(&output.stdout).into_owned())
+    };
+    assert_eq!(shared(&["advance"]).0, Some(8));
+    let run = cohort.folder.path().join("run");
+    assert!(run.join("cardiotwin.snapshot.db").exists() && !run.join("cardiotwin.db-wal").exists());
+    let at = std::time::Instant::now();
+    while shared(&["advance"]).0 == Some(8) {
+        assert!(at.elapsed() < crate::cluster::PATIENCE, "{}", shared(&["status"]).1);
+        std::thread::sleep(std::time::Duration::from_millis(200));
+    }
+    // The database itself is locked by somebody: readers do not notice.
+    std::fs::write(run.join("cardiotwin.db-journal"), "x").expect("a journal");
+    assert!(shared(&["status"]).1.contains("1 done"), "{}", shared(&["status"]).1);
+    let copy = cohort.folder.path().join("copies");
+    std::fs::create_dir(&copy).expect("a folder");
+    assert_eq!(shared(&["backup", "--to", "copies/cardiotwin.db"]).0, Some(0));
+    assert!(cohort.call(&["status", "copies"]).out.contains("1 done"));
+}

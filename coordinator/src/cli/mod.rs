@@ -26,7 +26,7 @@ pub use exit::Exit;
 
 use commands::{
     advance, backup, bench, cancel, check, compare, completions, config, discover, drive, explain, export, fit, init,
-    logs, man, report, rerun, retry, run, schemas, show, simulate, status, sweep,
+    logs, man, plan, report, rerun, retry, run, schemas, show, simulate, status, sweep,
 };
 use logging::LogFormat;
 use talk::{ColourChoice, Talk};
@@ -64,6 +64,7 @@ enum Command {
     Check(check::CheckArgs),
     Config(config::ConfigArgs),
     Run(run::RunArgs),
+    Plan(plan::PlanArgs),
     Advance(advance::AdvanceArgs),
     Simulate(simulate::SimulateArgs),
     Status(status::StatusArgs),
@@ -123,6 +124,7 @@ async fn execute(command: &Command, talk: &Talk) -> Result<Exit, CliError> {
         Command::Check(args) => check::execute(args, talk),
         Command::Config(args) => config::execute(args, talk).await,
         Command::Run(args) => run::execute(args, talk).await,
+        Command::Plan(args) => plan::execute(args, talk).await,
         Command::Advance(args) => advance::execute(args, talk).await,
         Command::Drive(args) => drive::execute(args, talk).await,
         Command::Simulate(args) => simulate::execute(args, talk).await,

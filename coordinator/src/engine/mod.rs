@@ -59,6 +59,7 @@ pub use crate::store::lock::{LockError, LockHolder};
 pub use crate::store::{
     AttemptRecord, EventRecord, JobRecord, LeafChange, MemberRecord, Reader, StepExplanation, StoreError,
 };
+pub use cluster::{PlannedRow, PlannedRun, preview};
 pub use driver::{DriverPlace, drive_here};
 pub use error::EngineError;
 pub use events::{EngineEvent, EventSender, PatientEnding, RunSummary};

@@ -173,7 +173,7 @@ pub fn holder(run_dir: &Path) -> Option<LockHolder> {
     let folder = run_dir.join(FOLDER);
     let text = read(&file(&folder, highest(&folder).ok()?))?;
     let held = !text.released && clock::now_ms() < text.expires_ms;
-    held.then(|| LockHolder { host: text.holder.host, pid: text.holder.pid, since: text.holder.at })
+    held.then_some(LockHolder { host: text.holder.host, pid: text.holder.pid, since: text.holder.at })
 }
 
 #[cfg(test)]

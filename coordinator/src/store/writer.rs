@@ -63,6 +63,18 @@ impl Writer {
         Ok(Self { file: run_dir.join(DATABASE_FILE), connection, lease: None, shared })
     }
 
+    /// What the database of a run holds, without writing to it; nothing where there is none.
+    ///
+    /// # Errors
+    /// The store's.
+    pub async fn look(run_dir: &Path) -> Result<Loaded, StoreError> {
+        let open::ReadOnly { connection, _copy } = match open::readable(run_dir).await {
+            Err(StoreError::Missing { .. }) => return Ok(Loaded::default()),
+            opened => opened?,
+        };
+        Self { file: run_dir.join(DATABASE_FILE), connection, lease: None, shared: None }.load().await
+    }
+
     /// Commits from now on only while this lease holds.
     pub fn under(&mut self, lease: Lease) {
         self.lease = Some(lease);
@@ -207,8 +219,7 @@ impl Writer {
     /// # Errors
     /// The store's.
     pub async fn load(&mut self) -> Result<Loaded, StoreError> {
-        let mut loaded = Loaded::default();
-        loaded.meta = self.meta().await?;
+        let mut loaded = Loaded { meta: self.meta().await?, ..Loaded::default() };
         let mut plans: HashMap<i64, (PlanRow, Chain)> = HashMap::new();
         for row in self.rows(patients::SELECT_PLANS).await? {
             let (patient_id, chain): (i64, String) = (row.get(0), row.get(5));

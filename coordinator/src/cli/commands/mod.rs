@@ -16,6 +16,7 @@ pub mod fit;
 pub mod init;
 pub mod logs;
 pub mod man;
+pub mod plan;
 pub mod report;
 pub mod rerun;
 pub mod retry;

@@ -4,30 +4,22 @@
 use cardiotwin_schemas::ids::{AttemptId, TaskKey};
 
 use super::Cluster;
+use super::place::present_task;
 use crate::dispatch::slurm::{Scheduler, folder};
 use crate::dispatch::{self, Evidence};
 use crate::engine::EngineError;
 use crate::engine::decide::Circumstance;
-use crate::machine::patient::Patient;
 use crate::machine::task::Task;
 
 impl<S: Scheduler> Cluster<S> {
     /// Takes a patient along everything that is there: begun attempts, outcomes, and what follows from them.
     pub(super) fn follow(&mut self, i: usize) -> Result<(), EngineError> {
-        while let Some(key) = self.present_task(i) {
+        while let Some(key) = present_task(&self.world, i) {
             if !self.follow_task(&key)? {
                 break;
             }
         }
         Ok(())
-    }
-
-    /// The task that a patient waits for.
-    pub(super) fn present_task(&self, i: usize) -> Option<TaskKey> {
-        match &self.world.patients[i].row.state {
-            Patient::Working { task, .. } => Some(task.clone()),
-            _ => None,
-        }
     }
 
     /// One step further with a task; false where nothing new is found.

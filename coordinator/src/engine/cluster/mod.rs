@@ -12,6 +12,7 @@ mod expect;
 mod follow;
 mod observe;
 mod place;
+mod preview;
 mod profile;
 mod settle;
 mod submit;
@@ -38,6 +39,7 @@ use crate::store::Writer;
 pub use crate::store::cluster_jobs::{ClusterReport, REPORT};
 
 use expect::Expectations;
+pub use preview::{PlannedRow, PlannedRun, preview};
 pub use profile::load_site;
 
 /// A run whose tasks are jobs of a cluster.

@@ -14,11 +14,11 @@ use cardiotwin_slurm::state::SlurmState;
 use cardiotwin_slurm::truth::{self, Alive, Ended, Truth, Unknown, Wanted};
 
 use super::Cluster;
+use super::place::wants_place;
 use crate::dispatch::slurm::Scheduler;
 use crate::dispatch::slurm::folder::JobFolder;
 use crate::engine::EngineError;
 use crate::machine::cluster_job::{Element, Ending, JobEvent, Submission};
-use crate::machine::task::Task;
 use crate::store::cluster_jobs::SeenElement;
 
 /// More names than this are not listed to sacct: all of the user's jobs are asked for.
@@ -44,7 +44,7 @@ impl<S: Scheduler> Cluster<S> {
             !row.state.is_over() && row.state.submission != Submission::Intended
         };
         let live = self.world.jobs.rows.values().filter(asked).count();
-        if live == 0 && !self.wants_places() {
+        if live == 0 && !(0..self.world.patients.len()).any(|i| wants_place(&self.world, i)) {
             return Ok(());
         }
         let queue = self.ask(commands::queue(), queue::read).await;
@@ -269,21 +269,6 @@ impl<S: Scheduler> Cluster<S> {
         {
             self.world.touch_placed(&row);
         }
-    }
-
-    /// Whether a patient waits for a job of its own.
-    pub(super) fn wants_places(&self) -> bool {
-        (0..self.world.patients.len()).any(|i| self.wants_place(i))
-    }
-
-    /// Whether this one does.
-    pub(super) fn wants_place(&self, i: usize) -> bool {
-        let patient = &self.world.patients[i];
-        patient.selected
-            && !self.world.jobs.placed.contains_key(&patient.row.id)
-            && self.present_task(i).is_some_and(|key| {
-                self.world.tasks.get(&key).is_some_and(|task| matches!(task.state, Task::Open { .. }))
-            })
     }
 }
 

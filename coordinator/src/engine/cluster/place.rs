@@ -5,6 +5,7 @@ use std::collections::{BTreeMap, HashSet};
 use cardiotwin_schemas::ids::TaskKey;
 use cardiotwin_schemas::plan::Workflow;
 use cardiotwin_schemas::settings::Fidelity;
+use cardiotwin_slurm::answers::queue::QueueRow;
 use cardiotwin_slurm::plan::{self, Choices, InUse, Simulation, Sweep};
 use cardiotwin_slurm::site::{Queue, Site, Unit, Use};
 use cardiotwin_slurm::state::Bearing;
@@ -13,6 +14,8 @@ use super::{Cluster, Expectations};
 use crate::dispatch::slurm::Scheduler;
 use crate::engine::EngineError;
 use crate::engine::world::World;
+use crate::machine::patient::Patient;
+use crate::machine::task::Task;
 use crate::store::cluster_jobs::{Allotment, JobSpec, Placed};
 use cardiotwin_schemas::settings::ExecutorSettings;
 
@@ -43,7 +46,7 @@ impl<S: Scheduler> Cluster<S> {
     /// Makes jobs of the patients that wait, and commits to their names.
     pub(super) async fn place(&mut self) -> Result<(), EngineError> {
         self.world.jobs.holds = None;
-        let waiting = self.waiting();
+        let waiting = waiting(&self.world);
         self.report.node_hours_left = 0.0;
         self.report.finish_after_s = None;
         if waiting.is_empty() {
@@ -57,25 +60,9 @@ impl<S: Scheduler> Cluster<S> {
             self.hold(Some(format!("nothing is submitted while the queue does not answer: {why}")));
             return Ok(());
         };
-        let rows = queue.rows.clone();
-        let in_use = |queue: &Queue| {
-            let mut used = InUse::default();
-            let ours = |row: &&cardiotwin_slurm::answers::queue::QueueRow| {
-                queue.qos.as_ref().is_none_or(|qos| row.qos == *qos)
-            };
-            for row in rows.iter().filter(ours) {
-                let bearing = row.state.bearing();
-                used.queued += u32::from(bearing != Bearing::Ended);
-                if bearing == Bearing::Running {
-                    used.running += 1;
-                    used.nodes += row.n_nodes.unwrap_or(1);
-                    used.cores += row.n_cores.unwrap_or(1);
-                }
-            }
-            // Names that are durable and not in the queue yet take their room, too.
-            used.queued += self.intended();
-            used
-        };
+        let (rows, intended) = (queue.rows.clone(), self.intended());
+        // Names that are durable and not in the queue yet take their room, too.
+        let in_use = |queue: &Queue| in_use(queue, &rows, intended);
         let expected = Expectations::of(&self.world, &self.settings);
         let jobs = plan_jobs(&self.world, &waiting, &self.site, &self.settings, &expected, &in_use)?;
         self.report.node_hours_left = jobs.iter().map(|job| job.spec.expected_node_hours).sum();
@@ -101,18 +88,6 @@ impl<S: Scheduler> Cluster<S> {
         self.world.jobs.holds = why;
     }
 
-    /// Patients that want a place, one for each task: who wants the same waits for it.
-    fn waiting(&self) -> Vec<usize> {
-        let mut tasks: HashSet<TaskKey> = (0..self.world.patients.len())
-            .filter(|i| self.world.jobs.placed.contains_key(&self.world.patients[*i].row.id))
-            .filter_map(|i| self.present_task(i))
-            .collect();
-        let mut waiting: Vec<usize> = (0..self.world.patients.len()).filter(|i| self.wants_place(*i)).collect();
-        waiting.sort_by_key(|i| self.world.patients[*i].row.position);
-        waiting.retain(|i| self.present_task(*i).is_some_and(|key| tasks.insert(key)));
-        waiting
-    }
-
     /// A name that no job ever had: the cohort, the time, the process, a number.
     fn fresh_name(&mut self) -> String {
         let plain = |c: char| if c.is_ascii_alphanumeric() { c } else { '-' };
@@ -127,6 +102,49 @@ impl<S: Scheduler> Cluster<S> {
             }
         }
     }
+}
+
+/// What of a queue the user takes already: jobs of ours and others alike.
+pub fn in_use(queue: &Queue, rows: &[QueueRow], intended: u32) -> InUse {
+    let mut used = InUse { queued: intended, ..InUse::default() };
+    for row in rows.iter().filter(|row| queue.qos.as_ref().is_none_or(|qos| row.qos == *qos)) {
+        let bearing = row.state.bearing();
+        used.queued += u32::from(bearing != Bearing::Ended);
+        if bearing == Bearing::Running {
+            used.running += 1;
+            used.nodes += row.n_nodes.unwrap_or(1);
+            used.cores += row.n_cores.unwrap_or(1);
+        }
+    }
+    used
+}
+
+/// Whether a patient waits for a place in a job.
+pub fn wants_place(world: &World, i: usize) -> bool {
+    let patient = &world.patients[i];
+    let open = |key: &TaskKey| world.tasks.get(key).is_some_and(|task| matches!(task.state, Task::Open { .. }));
+    patient.selected
+        && !world.jobs.placed.contains_key(&patient.row.id)
+        && present_task(world, i).is_some_and(|key| open(&key))
+}
+
+/// The task that a patient waits for.
+pub fn present_task(world: &World, i: usize) -> Option<TaskKey> {
+    match &world.patients[i].row.state {
+        Patient::Working { task, .. } => Some(task.clone()),
+        _ => None,
+    }
+}
+
+/// Patients that want a place, one for each task: who wants the same waits for it.
+pub fn waiting(world: &World) -> Vec<usize> {
+    let is_placed = |i: &usize| world.jobs.placed.contains_key(&world.patients[*i].row.id);
+    let placed = (0..world.patients.len()).filter(is_placed);
+    let mut tasks: HashSet<TaskKey> = placed.filter_map(|i| present_task(world, i)).collect();
+    let mut waiting: Vec<usize> = (0..world.patients.len()).filter(|i| wants_place(world, *i)).collect();
+    waiting.sort_by_key(|i| world.patients[*i].row.position);
+    waiting.retain(|i| present_task(world, *i).is_some_and(|key| tasks.insert(key)));
+    waiting
 }
 
 /// Jobs for these patients.

@@ -89,6 +89,13 @@ impl<S: Scheduler> Cluster<S> {
     }
 }
 
+/// Lays over a profile what the site tells now; what it changed.
+pub async fn discover_now(site: &mut Site, scheduler: &mut impl Scheduler) -> Vec<String> {
+    let config = config::read(&scheduler.ask(&commands::config()).await).ok();
+    let rows = qos::read(&scheduler.ask(&commands::qos()).await).map(|table| table.rows).unwrap_or_default();
+    site.discover(config.as_ref(), &rows)
+}
+
 async fn remember(writer: &mut Writer, now_ms: i64, config: &str, qos: &str) -> Result<(), EngineError> {
     let now = now_ms.to_string();
     Ok(writer.set_meta(&[(TOLD[0], &now), (TOLD[1], config), (TOLD[2], qos)]).await?)

@@ -5,6 +5,7 @@ use cardiotwin_schemas::ids::{AttemptId, PatientId};
 use cardiotwin_slurm::failure::{self, Budgets, Class, Given, Next, Spent};
 
 use super::Cluster;
+use super::place::present_task;
 use crate::dispatch;
 use crate::dispatch::slurm::Scheduler;
 use crate::dispatch::slurm::folder::{self, JobFolder};
@@ -82,7 +83,7 @@ impl<S: Scheduler> Cluster<S> {
     /// Fences the attempt at a patient's present task, where this job began it and it has no outcome.
     fn fence_attempt(&mut self, i: usize, job: &str) -> Result<Option<AttemptId>, EngineError> {
         self.follow(i)?;
-        let Some(task) = self.present_task(i) else { return Ok(None) };
+        let Some(task) = present_task(&self.world, i) else { return Ok(None) };
         let Some(Task::Attempting { generation, .. }) = self.world.tasks.get(&task).map(|t| t.state.clone()) else {
             return Ok(None);
         };
@@ -187,7 +188,7 @@ impl<S: Scheduler> Cluster<S> {
 
     /// A failure of the site's that stays: the attempt at the present task ends with it, or one that never began.
     fn fail(&mut self, i: usize, interrupted: Option<AttemptId>, failure: Failure) -> Result<(), EngineError> {
-        let Some(key) = self.present_task(i) else { return Ok(()) };
+        let Some(key) = present_task(&self.world, i) else { return Ok(()) };
         let attempt = match interrupted {
             Some(attempt) => attempt,
             None => {

@@ -9,6 +9,7 @@ use cardiotwin_schemas::sweep::{GsaSpec, SweepFile, SweepSpec};
 use clap::Args;
 
 use super::drive::drive;
+use super::on_cluster::{self, OnCluster};
 use super::outcome::{self, Answer, Phases};
 use super::screen;
 use crate::cli::error::CliError;
@@ -69,6 +70,8 @@ pub struct GsaArgs {
     /// Workers at once; 0 is one for each core
     #[arg(long, value_name = "N", default_value_t = 0)]
     workers: u32,
+    #[command(flatten)]
+    cluster: OnCluster,
     /// The worker's executable [default: cardiotwin-worker beside this program]
     #[arg(long, value_name = "PATH")]
     worker: Option<PathBuf>,
@@ -123,7 +126,8 @@ pub async fn execute(args: &GsaArgs, talk: &Talk) -> Result<Exit, CliError> {
         let found = args.select.unwrap_or_default().to_string();
         return Err(SweepError::Setting { name: "--select".into(), found, expected }.into());
     }
-    let executor = ExecutorSettings { workers: args.workers, ..ExecutorSettings::default() };
+    let mut executor = ExecutorSettings { workers: args.workers, ..ExecutorSettings::default() };
+    args.cluster.apply(&mut executor);
     let options = RunOptions {
         run_dir: args.out.clone(),
         cohort_name: "gsa".into(),
@@ -133,9 +137,13 @@ pub async fn execute(args: &GsaArgs, talk: &Talk) -> Result<Exit, CliError> {
         only: Vec::new(),
         executor,
         worker: args.worker.clone(),
-        watch: false,
+        watch: args.cluster.watch,
     };
     let summary = drive(options, "chunks", talk).await?;
+    if summary.on_cluster() {
+        on_cluster::tell(&summary, "chunks", talk);
+        return Ok(Exit::Unfinished);
+    }
     let simulated_s = began.elapsed().as_secs_f64();
     finish(args, &summary, Phases { simulate_s: simulated_s, ..Phases::default() }, began, talk).await
 }

@@ -3,6 +3,7 @@
 mod cancel;
 mod drive;
 mod gsa;
+mod on_cluster;
 mod outcome;
 mod report;
 mod robustness;

@@ -12,6 +12,7 @@ use cardiotwin_schemas::sweep::{SweepFile, SweepSpec};
 use clap::{Args, ValueEnum};
 
 use super::drive::drive;
+use super::on_cluster::{self, OnCluster};
 use super::robustness_text;
 use crate::cli::error::CliError;
 use crate::cli::exit::Exit;
@@ -77,6 +78,8 @@ pub struct RobustnessArgs {
     /// Make the tables of what is there, and run nothing
     #[arg(long)]
     results_only: bool,
+    #[command(flatten)]
+    cluster: OnCluster,
     /// The worker's executable [default: cardiotwin-worker beside this program]
     #[arg(long, value_name = "PATH")]
     worker: Option<PathBuf>,
@@ -118,7 +121,12 @@ pub async fn execute(args: &RobustnessArgs, talk: &Talk) -> Result<Exit, CliErro
     let mut summary = None;
     if !args.results_only {
         take(&out, &spec)?;
-        summary = Some(run(args, &cohort, &out, members, talk).await?);
+        let ran = run(args, &cohort, &out, members, talk).await?;
+        if ran.on_cluster() {
+            on_cluster::tell(&ran, "personalisations", talk);
+            return Ok(Exit::Unfinished);
+        }
+        summary = Some(ran);
     }
     let record = Reader::open(&out).await?.record().await?;
     let result = robustness::result(&spec, &plans, &record).map_err(SweepError::from)?;
@@ -271,6 +279,8 @@ async fn run(
     members: Vec<ResolvedPatient>,
     talk: &Talk,
 ) -> Result<RunSummary, CliError> {
+    let mut executor = cohort.settings.settings.executor.clone();
+    args.cluster.apply(&mut executor);
     let options = RunOptions {
         run_dir: out.to_owned(),
         cohort_name: cohort.name.clone(),
@@ -278,9 +288,9 @@ async fn run(
         cohort_dir: cohort.directory.clone(),
         patients: Some(members),
         only: Vec::new(),
-        executor: cohort.settings.settings.executor.clone(),
+        executor,
         worker: args.worker.clone(),
-        watch: false,
+        watch: args.cluster.watch,
     };
     drive(options, "personalisations", talk).await
 }

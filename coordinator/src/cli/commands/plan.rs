@@ -1,0 +1,103 @@
+//! `cardiotwin plan`: what a run on a cluster would submit.
+
+use std::path::PathBuf;
+
+use clap::Args;
+
+use super::run::load;
+use crate::cli::error::CliError;
+use crate::cli::exit::Exit;
+use crate::cli::place::Place;
+use crate::cli::table::{Columns, duration};
+use crate::cli::talk::{Talk, count};
+use crate::engine::{self, PlannedRun, RunOptions};
+
+/// Which jobs a run on a cluster would submit, what they cost, and when they may end; submits nothing
+#[derive(Debug, Args)]
+pub struct PlanArgs {
+    #[command(flatten)]
+    place: Place,
+    /// Settings on top of all files (may be given several times)
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    set: Vec<String>,
+    /// Print the batch scripts instead, exact but for names, which are made at the submission
+    #[arg(long)]
+    script: bool,
+    /// One JSON object instead of the table
+    #[arg(long, conflicts_with = "script")]
+    json: bool,
+    /// The worker's executable [default: cardiotwin-worker beside this program]
+    #[arg(long, value_name = "PATH", hide = true)]
+    worker: Option<PathBuf>,
+}
+
+/// Plans.
+///
+/// # Errors
+/// As `run`'s.
+pub async fn execute(args: &PlanArgs, talk: &Talk) -> Result<Exit, CliError> {
+    let folders = args.place.folders();
+    let mut set = vec!["executor.kind=slurm".to_owned()];
+    set.extend(args.set.iter().cloned());
+    let cohort = load(&folders, &set, &[], talk)?;
+    let options = RunOptions {
+        run_dir: folders.run.clone(),
+        cohort_name: cohort.name.clone(),
+        description: cohort.description.clone(),
+        cohort_dir: cohort.directory.clone(),
+        patients: Some(cohort.plans()),
+        only: Vec::new(),
+        executor: cohort.settings.settings.executor.clone(),
+        worker: args.worker.clone(),
+        watch: false,
+    };
+    let program = std::env::current_exe().map_err(CliError::file("find", "this program"))?;
+    let plan = engine::preview(&options, &program).await?;
+    if args.json {
+        talk.json(&plan)?;
+    } else if args.script {
+        plan.jobs.iter().try_for_each(|job| talk.data(&format!("{}\n", job.script)))?;
+    } else {
+        talk.data(&table(&plan, talk))?;
+    }
+    Ok(Exit::Ok)
+}
+
+fn table(plan: &PlannedRun, talk: &Talk) -> String {
+    let mut table = Columns::new(
+        talk,
+        &["QUEUE", ">JOBS", ">NODES", ">CORES", ">WALLTIME", ">EXPECTED", ">PATIENTS", ">NODE-HOURS", "WHEN"],
+    );
+    for job in &plan.jobs {
+        let at_once = job.at_once.map(|n| format!(" ({n} at once)")).unwrap_or_default();
+        table.row([
+            job.queue.clone(),
+            format!("{}{at_once}", job.elements),
+            job.nodes.to_string(),
+            job.cores.to_string(),
+            duration(job.walltime_s as f64),
+            duration(job.predicted_s),
+            job.patients.to_string(),
+            format!("{:.3}", job.node_hours),
+            if job.now { "now" } else { "later" }.to_owned(),
+        ]);
+    }
+    let mut text = table.text();
+    let jobs: usize = plan.jobs.iter().map(|job| job.elements).sum();
+    let charge = if plan.charge > 0.0 { format!(" ({:.2} {})", plan.charge, plan.charge_unit) } else { String::new() };
+    text.push_str(&format!(
+        "{}: {}, {:.3} node-hours{charge}; over {} after the first begins, if the queue gave at once all that its limits allow\n",
+        plan.site,
+        count(jobs, "job"),
+        plan.node_hours,
+        duration(plan.finish_after_s),
+    ));
+    if plan.others > 0 {
+        text.push_str(&format!(
+            "{} over, in jobs already, or waiting for another's task\n",
+            count(plan.others, "patient")
+        ));
+    }
+    plan.remarks.iter().for_each(|remark| text.push_str(&format!("{remark}\n")));
+    text
+}

@@ -1,0 +1,42 @@
+//! Sweeps on a cluster: where, and whether the command stays.
+
+use cardiotwin_schemas::settings::{ExecutorKind, ExecutorSettings};
+use clap::Args;
+
+use crate::cli::talk::Talk;
+use crate::engine::RunSummary;
+
+/// Options of sweeps that run on a cluster.
+#[derive(Debug, Clone, Args)]
+pub struct OnCluster {
+    /// Run as jobs of a cluster: site profile archer2, generic, or a file (executor.slurm.site)
+    #[arg(long, value_name = "SITE")]
+    slurm: Option<String>,
+    /// Account that is charged there (executor.slurm.account)
+    #[arg(long, value_name = "NAME", requires = "slurm")]
+    account: Option<String>,
+    /// On a cluster: stay until everything is over; else this is one tick, and the same command is the next
+    #[arg(long)]
+    pub watch: bool,
+}
+
+impl OnCluster {
+    /// Lays the options over the settings.
+    pub fn apply(&self, executor: &mut ExecutorSettings) {
+        if let Some(site) = &self.slurm {
+            executor.kind = ExecutorKind::Slurm;
+            site.clone_into(&mut executor.slurm.site);
+            executor.slurm.account.clone_from(&self.account);
+        }
+    }
+}
+
+/// Says what is to be done where jobs wait or run.
+pub fn tell(summary: &RunSummary, members: &str, talk: &Talk) {
+    talk.say(&format!(
+        "{} of {} {members} are over, {} jobs wait or run; the same command goes on",
+        summary.done + summary.failed + summary.cancelled,
+        summary.patients,
+        summary.jobs,
+    ));
+}

@@ -1,0 +1,145 @@
+//! What a tick would submit: jobs, node-hours, expected end and the exact scripts, before anything is.
+
+use std::path::Path;
+
+use cardiotwin_slurm::answers::queue;
+use cardiotwin_slurm::commands;
+use cardiotwin_slurm::plan::finish;
+use cardiotwin_slurm::site::Queue;
+use serde::Serialize;
+
+use super::expect::Expectations;
+use super::place::{PlannedJob, in_use, plan_jobs, waiting};
+use super::profile::{discover_now, load_site};
+use super::submit::script_of;
+use crate::clock;
+use crate::dispatch::slurm::folder::JobFolder;
+use crate::dispatch::slurm::{Installed, Scheduler};
+use crate::engine::decide::Decider;
+use crate::engine::world::World;
+use crate::engine::{EngineError, RunOptions};
+use crate::store::Writer;
+
+/// What would be submitted.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct PlannedRun {
+    /// The site.
+    pub site: String,
+    /// What the site told that its profile does not say, and what could not be asked.
+    pub remarks: Vec<String>,
+    /// Jobs, those of this wave first.
+    pub jobs: Vec<PlannedRow>,
+    /// Patients that are over, or in jobs already.
+    pub others: usize,
+    /// Node-hours of all jobs.
+    pub node_hours: f64,
+    /// What they are charged.
+    pub charge: f64,
+    /// In what.
+    pub charge_unit: String,
+    /// From the start of the first job to the end of the last, s, if the queue gave at once all that its limits allow.
+    pub finish_after_s: f64,
+}
+
+/// A job that would be submitted.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct PlannedRow {
+    /// Queue.
+    pub queue: String,
+    /// Elements of the array; 1 where it is none.
+    pub elements: usize,
+    /// Elements at once, where that is throttled.
+    pub at_once: Option<u32>,
+    /// Nodes of each.
+    pub nodes: u32,
+    /// Cores of each, where single ones are given.
+    pub cores: u32,
+    /// Walltime, s.
+    pub walltime_s: u64,
+    /// How long each is expected to work, s.
+    pub predicted_s: f64,
+    /// Expected node-hours of all elements.
+    pub node_hours: f64,
+    /// Patients.
+    pub patients: usize,
+    /// Whether it would be submitted now; others follow once jobs have ended.
+    pub now: bool,
+    /// The batch script; the name is made at the submission.
+    pub script: String,
+}
+
+/// Plans as a tick would, and submits nothing.
+///
+/// # Errors
+/// [`EngineError`].
+pub async fn preview(options: &RunOptions, program: &Path) -> Result<PlannedRun, EngineError> {
+    let run_dir = std::path::absolute(&options.run_dir).unwrap_or_else(|_| options.run_dir.clone());
+    let mut site = load_site(&options.executor.slurm)?;
+    let mut world = World::new(&run_dir, Writer::look(&run_dir).await?, clock::now_ms())?;
+    let mut decider = Decider::default();
+    if let Some(plans) = &options.patients {
+        decider.take_up(&mut world, plans)?;
+    }
+    for i in 0..world.patients.len() {
+        world.patients[i].selected = world.patients[i].row.active;
+        world.await_present_task(i);
+        decider.decide(&mut world, i)?;
+    }
+    let mut scheduler = Installed;
+    let mut remarks = discover_now(&mut site, &mut scheduler).await;
+    let rows = match queue::read(&scheduler.ask(&commands::queue()).await) {
+        Ok(table) => table.rows,
+        Err(error) => {
+            remarks.push(format!("planned for an empty queue: {error}"));
+            Vec::new()
+        }
+    };
+    let patients = waiting(&world);
+    let expected = Expectations::of(&world, &options.executor);
+    let used = |queue: &Queue| in_use(queue, &rows, 0);
+    let jobs = plan_jobs(&world, &patients, &site, &options.executor, &expected, &used)?;
+    let mut planned = Vec::with_capacity(jobs.len());
+    for (n, job) in jobs.iter().enumerate() {
+        let name = format!("ct-plan-{}", n + 1);
+        let folder = JobFolder::of(&run_dir, &name);
+        let script = script_of(&job.spec, &name, &folder, &site, &options.executor, program)
+            .map_err(|error| EngineError::Site { message: error.to_string() })?;
+        planned.push(row_of(job, script));
+    }
+    planned.sort_by_key(|job| !job.now);
+    let node_hours = planned.iter().map(|job| job.node_hours).sum();
+    let finish_after_s = match jobs.first().and_then(|job| site.queue.iter().find(|queue| queue.name == job.spec.queue))
+    {
+        Some(queue) => {
+            let each = |job: &PlannedJob| vec![(job.spec.n_nodes, job.predicted_s); job.patients.len()];
+            finish(&jobs.iter().flat_map(each).collect::<Vec<_>>(), queue, used(queue)).after_s
+        }
+        None => 0.0,
+    };
+    Ok(PlannedRun {
+        remarks,
+        others: world.patients.iter().filter(|p| p.selected).count() - patients.len(),
+        node_hours,
+        charge: node_hours * site.charge_per_node_hour,
+        charge_unit: site.charge_unit.clone(),
+        finish_after_s,
+        jobs: planned,
+        site: site.name,
+    })
+}
+
+fn row_of(job: &PlannedJob, script: String) -> PlannedRow {
+    PlannedRow {
+        queue: job.spec.queue.clone(),
+        elements: job.spec.elements.len(),
+        at_once: job.spec.at_once,
+        nodes: job.spec.n_nodes,
+        cores: job.spec.n_cores,
+        walltime_s: job.spec.walltime_s,
+        predicted_s: job.predicted_s,
+        node_hours: job.spec.expected_node_hours,
+        patients: job.patients.iter().map(Vec::len).sum(),
+        now: job.now,
+        script,
+    }
+}
