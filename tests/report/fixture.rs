@@ -551,6 +551,7 @@ pub fn troubled(root: &Path) -> RunRecord {
         class: FailureClass::Input,
         message: "the unloaded volume 131 mL is larger than the diastasis volume 124 mL".into(),
         remedy: Some("check measured.diastasis in patient.toml".into()),
+        cause: None,
     });
     clear_after(&mut no_passive_state, 0);
     no_passive_state.step0 = None;
