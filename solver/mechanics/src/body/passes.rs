@@ -9,7 +9,7 @@ use crate::element::kernel::{
     ActivePoint, Gathered, Scratch, Viscous, VolumeChange, element, pair, volume_and_stretch,
 };
 use crate::element::{BATCH, Eight};
-use crate::linear::{NO_SLOT, PackedBlock, PackedTangent, Pattern, Sink, Tangent};
+use crate::linear::{NO_SLOT, PackedBlock, PackedTangent, PackedVolume, Pattern, Sink, Tangent};
 use crate::material::Tissue;
 use crate::material::tensor::determinant;
 
@@ -304,7 +304,7 @@ impl<const N: usize, const Q: usize> Field<N, Q> {
                 }
             }
         }
-        let blocks = tangent.blocks_mut();
+        let (blocks, volumes) = tangent.entries_mut();
         for a in 0..N {
             let of_volume = shuffle.transposed([&volume[a][0], &volume[a][1], &volume[a][2], &[0.0; BATCH]]);
             for b in 0..N {
@@ -326,9 +326,16 @@ impl<const N: usize, const Q: usize> Field<N, Q> {
                         sum[0][i] += columns[0][lane][i];
                         sum[1][i] += columns[1][lane][i];
                         sum[2][i] += columns[2][lane][i];
-                        sum[3][i] += of_volume[lane][i];
                     }
                     *to = sum;
+                    if nodal {
+                        let PackedVolume(to) = &mut volumes[slot as usize];
+                        let mut sum = *to;
+                        for i in 0..4 {
+                            sum[i] += of_volume[lane][i];
+                        }
+                        *to = sum;
+                    }
                 }
             }
         }

@@ -16,7 +16,7 @@ pub use direct::{Direct, DirectError};
 pub use dissection::nested_dissection;
 pub use krylov::{KrylovEnding, KrylovReport, KrylovSettings, conjugate_gradients, gmres, minres};
 pub use multigrid::Multigrid;
-pub use packed::{PackedBlock, PackedTangent};
+pub use packed::{PackedBlock, PackedTangent, PackedVolume};
 pub use preconditioner::{BlockJacobi, Preconditioner, SymmetricSweep};
 pub use tangent::Tangent;
 

@@ -2,7 +2,8 @@
 //!
 //! Newton's method takes its residual in double precision, so that a tangent off by 1e-7 costs nothing; a product with it reads
 //! half as much. Each entry holds, column by column, a 3×3 block of `K` with the derivative of the row's vertex volume below it,
-//! `[K; gᵀ]`, so that one pass gives both `K x` and `Gᵀ x`; then the entry of `G` for `y += G D (Gᵀ x)`.
+//! `[K; gᵀ]`, so that one pass gives both `K x` and `Gᵀ x`. Entries of `G`, for `y += G D (Gᵀ x)`, lie by themselves: the second pass
+//! reads a quarter of what the first one does.
 
 use std::sync::Arc;
 
@@ -12,16 +13,23 @@ use super::assembled::{Assembled, Operator, Sink};
 use super::{NO_SLOT, Pattern};
 use crate::parallel::Space;
 
-/// Three columns of `[K; gᵀ]`, and the entry of `G` (three numbers and a zero).
+/// Three columns of `[K; gᵀ]`.
 #[derive(Debug, Clone, Copy, PartialEq)]
-#[repr(align(64))]
-pub struct PackedBlock(pub [[f32; 4]; 4]);
+#[repr(align(16))]
+pub struct PackedBlock(pub [[f32; 4]; 3]);
+
+/// An entry of `G`: three numbers and a zero.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[repr(align(16))]
+pub struct PackedVolume(pub [f32; 4]);
 
 /// `K + G D Gᵀ` in single precision, where every node is a vertex: rows and columns of all three are nodes.
 #[derive(Debug, Clone)]
 pub struct PackedTangent {
     pattern: Arc<Pattern>,
     blocks: Vec<PackedBlock>,
+    /// One a block.
+    volumes: Vec<PackedVolume>,
     /// `D` \[kPa/mm³\], one a vertex; empty without nodal volume change.
     bulk: Vec<f64>,
     arch: Arch,
@@ -31,21 +39,24 @@ impl PackedTangent {
     /// Zeros on `pattern`.
     #[must_use]
     pub fn zeros(pattern: Arc<Pattern>) -> Self {
-        let blocks = vec![PackedBlock([[0.0; 4]; 4]); pattern.column.len()];
-        Self { pattern, blocks, bulk: vec![], arch: Arch::new() }
+        let blocks = vec![PackedBlock([[0.0; 4]; 3]); pattern.column.len()];
+        let volumes = vec![PackedVolume([0.0; 4]); pattern.column.len()];
+        Self { pattern, blocks, volumes, bulk: vec![], arch: Arch::new() }
     }
 
     /// Bytes that a product reads and writes, for `n_local` nodes.
     #[must_use]
     pub fn bytes_of_product(&self, n_local: usize) -> usize {
-        let entry = size_of::<PackedBlock>() + size_of::<u32>();
-        let passes = if self.bulk.is_empty() { 1 } else { 2 };
-        passes * self.blocks.len() * entry + n_local * (3 * 8) + self.pattern.n_rows() * (passes * 3 * 8 + 8 * passes)
+        let (first, second) =
+            (size_of::<PackedBlock>() + size_of::<u32>(), size_of::<PackedVolume>() + size_of::<u32>());
+        let vectors = n_local * 3 * 8 + self.pattern.n_rows() * 4 * 8;
+        let second = if self.bulk.is_empty() { 0 } else { second * self.blocks.len() + self.pattern.n_rows() * 7 * 8 };
+        self.blocks.len() * first + vectors + second
     }
 
-    /// The blocks, for assembly.
-    pub fn blocks_mut(&mut self) -> &mut [PackedBlock] {
-        &mut self.blocks
+    /// Blocks and entries of `G`, for assembly.
+    pub fn entries_mut(&mut self) -> (&mut [PackedBlock], &mut [PackedVolume]) {
+        (&mut self.blocks, &mut self.volumes)
     }
 }
 
@@ -86,10 +97,10 @@ impl WithSimd for Pressures<'_> {
         for (row, y) in y.iter_mut().enumerate() {
             let range = starts[row] as usize..starts[row + 1] as usize;
             let mut sum = [0.0_f64; 4];
-            for (PackedBlock(block), column) in matrix.blocks[range.clone()].iter().zip(&matrix.pattern.column[range]) {
+            for (PackedVolume(g), column) in matrix.volumes[range.clone()].iter().zip(&matrix.pattern.column[range]) {
                 let p = p[*column as usize];
                 for i in 0..4 {
-                    sum[i] += f64::from(block[3][i]) * p;
+                    sum[i] += f64::from(g[i]) * p;
                 }
             }
             for i in 0..3 {
@@ -119,11 +130,12 @@ impl Operator for PackedTangent {
     fn diagonal(&self, row: usize) -> [f64; 9] {
         let mut out = [0.0; 9];
         for k in self.pattern.row(row) {
-            let (PackedBlock(block), column) = (&self.blocks[k], self.pattern.column[k] as usize);
+            let (PackedBlock(block), PackedVolume(g)) = (&self.blocks[k], &self.volumes[k]);
+            let column = self.pattern.column[k] as usize;
             let d = self.bulk.get(column).copied().unwrap_or(0.0);
             for i in 0..3 {
                 for j in 0..3 {
-                    out[3 * i + j] += d * f64::from(block[3][i]) * f64::from(block[3][j]);
+                    out[3 * i + j] += d * f64::from(g[i]) * f64::from(g[j]);
                     if column == row {
                         out[3 * i + j] += f64::from(block[j][i]);
                     }
@@ -140,7 +152,8 @@ impl Assembled for PackedTangent {
     }
 
     fn clear(&mut self, bulk: &[f64]) {
-        self.blocks.fill(PackedBlock([[0.0; 4]; 4]));
+        self.blocks.fill(PackedBlock([[0.0; 4]; 3]));
+        self.volumes.fill(PackedVolume([0.0; 4]));
         self.bulk.clear();
         self.bulk.extend_from_slice(bulk);
     }
@@ -168,10 +181,10 @@ impl Assembled for PackedTangent {
 
     fn scale(&mut self, k: f64) {
         if k != 1.0 {
-            // K is the upper three rows of the first three columns.
+            // K is the upper three rows.
             let of_row = [k as f32, k as f32, k as f32, 1.0];
             for PackedBlock(block) in &mut self.blocks {
-                for column in &mut block[..3] {
+                for column in block {
                     for i in 0..4 {
                         column[i] *= of_row[i];
                     }
@@ -200,7 +213,7 @@ impl Assembled for PackedTangent {
                 if !fr.contains(&true) && !fc.contains(&true) {
                     continue;
                 }
-                let PackedBlock(block) = &mut self.blocks[k];
+                let (PackedBlock(block), PackedVolume(g)) = (&mut self.blocks[k], &mut self.volumes[k]);
                 for j in 0..3 {
                     for i in 0..3 {
                         if fr[i] || fc[j] {
@@ -211,7 +224,7 @@ impl Assembled for PackedTangent {
                         block[j][3] = 0.0;
                     }
                     if fr[j] {
-                        block[3][j] = 0.0;
+                        g[j] = 0.0;
                     }
                 }
             }
