@@ -209,6 +209,39 @@ pub struct AnatomySpec {
     pub effects: Vec<EffectSpec>,
 }
 
+/// Where the fibres of a patient's own mesh come from.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum MeshFibres {
+    /// The mesh's own, where it has some, else the rule.
+    #[default]
+    Auto,
+    /// The mesh's own.
+    Mesh,
+    /// The rule of `solver.finite_element.fibres`.
+    Rule,
+}
+
+/// A patient's own mesh, by its files' contents.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct OwnMesh {
+    /// The mesh's files; the first one's ending says of which format: `.pts`, `.vtu` or `.msh`.
+    pub files: Vec<InputFile>,
+    /// Unit of its coordinates: um, mm, cm or m.
+    pub unit: String,
+    /// Tags of contracting tissue; all other tissue is passive.
+    pub left_ventricle: Vec<i32>,
+    /// Where its fibres come from.
+    pub fibres: MeshFibres,
+    /// File of activation times, one number a node.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub activation_times: Option<InputFile>,
+    /// Where activation begins, without such a file.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub activation_sites_mm: Vec<[f64; 3]>,
+}
+
 /// How the equations of a beat are solved.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]

@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::biomarkers::Biomarkers;
 use crate::cohort::SettingsLayer;
+use crate::finite_element::MeshFibres;
 use crate::organ::WindkesselParameters;
 
 /// A patient.
@@ -139,9 +140,35 @@ pub struct Anatomy {
     /// Volume of the left ventricular wall.
     #[serde(rename = "wall_volume_mL", skip_serializing_if = "Option::is_none")]
     pub wall_volume_ml: Option<f64>,
+    /// The patient's own mesh, for the finite-element ventricle; without one an ellipsoid is generated.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub mesh: Option<PatientMesh>,
     /// Size of the mesh in the paper's Table 1, for runs at the paper's size.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub paper_mesh: Option<MeshSize>,
+}
+
+/// The patient's own mesh, as it was imaged: at diastasis where `measured.diastasis` says so, else at end-diastole.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct PatientMesh {
+    /// Stem of CARP files (`heart` for `heart.pts`, `heart.elem`, `heart.lon`, `heart.NAME.surf`), or a `.vtu` or `.msh` file;
+    /// relative to `patient.toml`. Surfaces `endocardium`, `epicardium`, `rim` and `septum` are taken where the mesh has them,
+    /// else found.
+    pub file: String,
+    /// Unit of its coordinates: um, mm, cm or m.
+    pub unit: String,
+    /// Tags of contracting tissue; all other tissue is passive.
+    pub left_ventricle: Vec<i32>,
+    /// Where its fibres come from.
+    #[serde(default)]
+    pub fibres: MeshFibres,
+    /// File of activation times, one number a node in the mesh's order; relative to `patient.toml`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub activation_times_ms: Option<String>,
+    /// Where activation begins, without such a file: points near the endocardium.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub activation_sites_mm: Vec<[f64; 3]>,
 }
 
 /// Size of a tetrahedral mesh.

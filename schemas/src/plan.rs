@@ -73,6 +73,7 @@ impl ResolvedPatient {
             start: solver.start,
             activation: solver.activation,
             finite_element: in_3d.then(|| solver.finite_element.anatomy(&self.effects)),
+            own_mesh: self.step0.own_mesh.clone().filter(|_| in_3d),
             guccione_c_kpa: self.step0.guccione_c_kpa.filter(|_| in_3d),
             ..self.step0.clone()
         }
@@ -154,6 +155,7 @@ impl ResolvedPatient {
             passive_law: None,
             corrections: Vec::new(),
             finite_element: None,
+            own_mesh: None,
             guccione_c_kpa: None,
         };
         Self {

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::biomarkers::{Biomarkers, CellBiomarkers};
 use crate::discover::DiscoverSpec;
-use crate::finite_element::{AnatomySpec, EquationSettings};
+use crate::finite_element::{AnatomySpec, EquationSettings, OwnMesh};
 use crate::hash::{canonical_json, sha256_hex};
 use crate::ids::{AttemptId, TaskKey};
 use crate::organ::{
@@ -168,6 +168,9 @@ pub struct PassiveStateSpec {
     /// The finite-element ventricle to be made; absent: the reduced one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub finite_element: Option<AnatomySpec>,
+    /// The patient's own mesh; absent: one is generated. Finite-element ventricle only.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub own_mesh: Option<OwnMesh>,
     /// Guccione's C where the patient file gives it: then it is not fitted. Finite-element ventricle only.
     #[serde(rename = "guccione_C_kPa", default, skip_serializing_if = "Option::is_none")]
     pub guccione_c_kpa: Option<f64>,

@@ -289,6 +289,7 @@ fn plan(printed: &Printed, id: &str) -> ResolvedPatient {
             passive_law: None,
             corrections: Vec::new(),
             finite_element: None,
+            own_mesh: None,
             guccione_c_kpa: None,
         },
         calcium: None,

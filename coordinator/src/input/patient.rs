@@ -4,7 +4,7 @@
 use std::path::Path;
 
 use cardiotwin_schemas::biomarkers::Biomarkers;
-use cardiotwin_schemas::patient::PatientFile;
+use cardiotwin_schemas::patient::{PatientFile, PatientMesh};
 use cardiotwin_schemas::settings::{Settings, StartMode};
 use cardiotwin_signals::Problem;
 
@@ -21,6 +21,9 @@ pub fn check_values(file: &PatientFile, document: &Document, folder: &str, repor
     list.identity(&file.id);
     list.measured(file);
     list.range("anatomy.wall_volume_mL", file.anatomy.wall_volume_ml, 1.0, 1000.0, "mL");
+    if let Some(mesh) = &file.anatomy.mesh {
+        list.mesh(mesh);
+    }
     if let Some(afterload) = &file.afterload {
         let [r1, r2, c] = [
             afterload.characteristic_resistance_mmhg_s_per_ml,
@@ -137,6 +140,57 @@ impl Values<'_> {
         } else if id.is_empty() || id.len() > LONGEST_ID || !id.chars().all(plain) || id.starts_with(['.', '-']) {
             let expected = "1 to 64 letters, digits, `-`, `_` or `.`, beginning with a letter, digit or `_`";
             self.add("id", format!("{id:?}"), expected, "choose another pseudonym and rename the folder alike");
+        }
+    }
+
+    fn mesh(&mut self, mesh: &PatientMesh) {
+        const UNITS: [&str; 4] = ["um", "mm", "cm", "m"];
+        if !UNITS.contains(&mesh.unit.as_str()) {
+            let expected = format!("one of {}", UNITS.join(", "));
+            self.add("anatomy.mesh.unit", format!("{:?}", mesh.unit), &expected, "say in what the coordinates are");
+        }
+        if mesh.left_ventricle.is_empty() {
+            let remedy = "list the tags of contracting tissue, as in left_ventricle = [1]";
+            self.add("anatomy.mesh.left_ventricle", "no tag", "one tag or more", remedy);
+        }
+        let folder = self.document.file.parent().map(Path::to_owned).unwrap_or_default();
+        let ending = Path::new(&mesh.file).extension().and_then(|e| e.to_str()).unwrap_or_default();
+        let names = match ending {
+            "vtu" | "msh" => vec![mesh.file.clone()],
+            _ => vec![format!("{}.pts", mesh.file), format!("{}.elem", mesh.file)],
+        };
+        for name in names.iter().filter(|name| !folder.join(name).is_file()) {
+            let expected = "the stem of CARP files, or a .vtu or .msh file, beside patient.toml";
+            self.add(
+                "anatomy.mesh.file",
+                format!("no file {name:?}"),
+                expected,
+                "put the file there or correct its name",
+            );
+        }
+        match (&mesh.activation_times_ms, mesh.activation_sites_mm.is_empty()) {
+            (Some(name), true) => {
+                if !folder.join(name).is_file() {
+                    let (found, expected) = (format!("no file {name:?}"), "a file with one number a node");
+                    self.add(
+                        "anatomy.mesh.activation_times_ms",
+                        found,
+                        expected,
+                        "put the file there or correct its name",
+                    );
+                }
+            }
+            (None, false) => {}
+            (times, _) => {
+                let found = if times.is_some() { "times and sites" } else { "neither times nor sites" };
+                let expected = "activation_times_ms or activation_sites_mm";
+                self.add(
+                    "anatomy.mesh",
+                    found,
+                    expected,
+                    "say where activation begins, in mm, or name a file of times",
+                );
+            }
         }
     }
 

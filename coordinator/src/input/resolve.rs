@@ -4,10 +4,11 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use cardiotwin_schemas::cohort::PatientDefaults;
+use cardiotwin_schemas::finite_element::OwnMesh;
 use cardiotwin_schemas::hash::sha256_hex;
 use cardiotwin_schemas::ids::PatientId;
 use cardiotwin_schemas::overlay::ModelOverlay;
-use cardiotwin_schemas::patient::PatientFile;
+use cardiotwin_schemas::patient::{PatientFile, PatientMesh};
 use cardiotwin_schemas::plan::{ResolvedPatient, Workflow};
 use cardiotwin_schemas::settings::Settings;
 use cardiotwin_schemas::task::{InputFile, PassiveStateSpec};
@@ -32,6 +33,10 @@ pub fn resolve(
     let pressure = hashed("pressure", &measured.pressure)?;
     let volume = hashed("volume", &measured.volume)?;
     let calcium = hashed("calcium", &measured.calcium)?;
+    let own_mesh = match &file.anatomy.mesh {
+        None => None,
+        Some(mesh) => Some(own_mesh(mesh, folder, &file.id, report)?),
+    };
     let biomarkers = measured.biomarkers.unwrap_or_default();
     let step0 = PassiveStateSpec {
         cycle_length_ms: file.cycle_length_ms,
@@ -57,6 +62,7 @@ pub fn resolve(
         passive_law: overlay.and_then(|o| o.passive),
         corrections: overlay.map_or_else(Vec::new, |o| o.corrections.clone()),
         finite_element: None,
+        own_mesh,
         guccione_c_kpa: file.passive.as_ref().and_then(|p| p.guccione_c_kpa),
     };
     Some(ResolvedPatient {
@@ -68,6 +74,55 @@ pub fn resolve(
         settings: settings.clone(),
         effects: overlay.map_or_else(Vec::new, |o| o.effects.clone()),
     })
+}
+
+/// A patient's own mesh by the contents of its files.
+fn own_mesh(mesh: &PatientMesh, folder: &Path, patient: &str, report: &mut Report) -> Option<OwnMesh> {
+    let at = folder.join(&mesh.file);
+    let one_file = ["vtu", "msh"].contains(&at.extension().and_then(|e| e.to_str()).unwrap_or_default());
+    let mut paths = vec![];
+    if one_file {
+        paths.push(at);
+    } else {
+        let with = |extension: &str| {
+            let mut name = at.as_os_str().to_owned();
+            name.push(extension);
+            PathBuf::from(name)
+        };
+        paths.extend([with(".pts"), with(".elem")]);
+        paths.extend(Some(with(".lon")).filter(|lon| lon.exists()));
+        paths.extend(surfaces_beside(&at));
+    }
+    let mut files = vec![];
+    for path in paths {
+        files.push(hash("mesh", &path, patient, report)?);
+    }
+    let activation_times = match &mesh.activation_times_ms {
+        None => None,
+        Some(name) => Some(hash("activation times", &folder.join(name), patient, report)?),
+    };
+    Some(OwnMesh {
+        files,
+        unit: mesh.unit.clone(),
+        left_ventricle: mesh.left_ventricle.clone(),
+        fibres: mesh.fibres,
+        activation_times,
+        activation_sites_mm: mesh.activation_sites_mm.clone(),
+    })
+}
+
+/// `stem.NAME.surf` beside a stem, by name.
+fn surfaces_beside(stem: &Path) -> Vec<PathBuf> {
+    let folder = stem.parent().unwrap_or(Path::new("."));
+    let prefix = format!("{}.", stem.file_name().unwrap_or_default().to_string_lossy());
+    let of_the_stem = |path: &PathBuf| {
+        let name = path.file_name().unwrap_or_default().to_string_lossy();
+        name.starts_with(&prefix) && name.ends_with(".surf")
+    };
+    let entries = std::fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
+    let mut found: Vec<PathBuf> = entries.filter(of_the_stem).collect();
+    found.sort();
+    found
 }
 
 /// The patient's own filling pressure, else the cohort's.
@@ -83,8 +138,7 @@ pub(super) fn hash(name: &str, path: &Path, patient: &str, report: &mut Report) 
         Ok((absolute, bytes)) => Some(InputFile { name: name.to_owned(), path: absolute, sha256: sha256_hex(&bytes) }),
         Err(error) => {
             let found = format!("no readable file ({error})");
-            let problem =
-                Problem::error(path, found, "a trace file", "check its name in patient.toml and its permissions");
+            let problem = Problem::error(path, found, "a file", "check its name in patient.toml and its permissions");
             report.add(Some(patient), problem);
             None
         }

@@ -16,6 +16,12 @@ pub enum FiniteElementError {
     /// No mesh.
     #[error("mesh")]
     Mesh(#[from] EllipsoidError),
+    /// The patient's own mesh cannot be used.
+    #[error("the patient's mesh: {found}")]
+    OwnMesh {
+        /// What was found, what was expected, what to do.
+        found: String,
+    },
     /// No fibres.
     #[error("fibres")]
     Fibres(#[from] LaplaceError),
@@ -51,7 +57,9 @@ impl FiniteElementError {
     #[must_use]
     pub fn class(&self) -> FailureClass {
         match self {
-            Self::Mesh(_) | Self::PassiveState(PassiveStateError::NoStiffness { .. }) => FailureClass::Input,
+            Self::Mesh(_) | Self::OwnMesh { .. } | Self::PassiveState(PassiveStateError::NoStiffness { .. }) => {
+                FailureClass::Input
+            }
             Self::Fibres(_) | Self::Activation(_) | Self::Anatomy(_) | Self::PassiveState(_) => FailureClass::Numerics,
             Self::File { .. } => FailureClass::Site,
             Self::Exponents { .. } => FailureClass::Bug,
@@ -69,6 +77,9 @@ impl FiniteElementError {
                 Some("correct the volumes and pressures of diastasis and end-diastole, or give passive.guccione_C_kPa")
             }
             Self::PassiveState(_) => Some("use another mesh size, or give passive.guccione_C_kPa"),
+            Self::OwnMesh { .. } => {
+                Some("mend the mesh or [anatomy.mesh] of patient.toml; `cardiotwin check` tells what is missing")
+            }
             Self::File { .. } => Some("run step 0 again: `cardiotwin rerun PATIENT --from step0`"),
             Self::Fibres(_) | Self::Activation(_) | Self::Anatomy(_) | Self::Exponents { .. } => None,
         }

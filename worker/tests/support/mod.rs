@@ -61,6 +61,7 @@ pub fn step0(id: &str) -> PassiveStateSpec {
         passive_law: None,
         corrections: Vec::new(),
         finite_element: None,
+        own_mesh: None,
         guccione_c_kpa: None,
     }
 }

@@ -26,6 +26,7 @@ use cardiotwin_schemas::settings::StartMode;
 use cardiotwin_schemas::task::PassiveStateSpec;
 use cardiotwin_units::{MMHG_PER_KPA, Ml, Mmhg};
 
+use super::own_mesh::{Taken, take};
 use super::{EndDiastole, Measurements, onset_ms};
 use crate::context::Context;
 use crate::error::TaskError;
@@ -118,41 +119,66 @@ impl Target {
 }
 
 /// Mesh with fibres, and activation times of its nodes from the first on; adds what mesh, fibres and activation took.
+///
+/// - `own`: the patient's own mesh, as it was read; without one an ellipsoid of `n_nodes` is generated
 fn mesh(
     anatomy: &AnatomySpec,
+    own: Option<Taken>,
     n_nodes: u32,
-    image_ml: f64,
-    wall_ml: f64,
+    (image_ml, wall_ml): (f64, f64),
     seconds: &mut [f64; 3],
 ) -> Result<(TetMesh, Vec<f64>), FiniteElementError> {
     let begun = Instant::now();
-    let made = generate(&EllipsoidSpec::new(Ml(image_ml), Ml(wall_ml), n_nodes as usize))?;
-    let mut mesh = Renumbering::reverse_cuthill_mckee(&made.mesh).apply(&made.mesh);
+    let Taken { mut mesh, times_ms, sites, .. } = match own {
+        Some(taken) => taken,
+        None => {
+            let made = generate(&EllipsoidSpec::new(Ml(image_ml), Ml(wall_ml), n_nodes as usize))?;
+            let mesh = Renumbering::reverse_cuthill_mckee(&made.mesh).apply(&made.mesh);
+            Taken { mesh, times_ms: None, sites: made.shape.fascicles().to_vec(), cavity_ml: image_ml }
+        }
+    };
     let meshed = begun.elapsed().as_secs_f64();
     let muscle = [tags::LEFT_VENTRICLE];
-    let found = fields(&mesh, &muscle, Longitudinal::FromBase)?;
-    let f = &anatomy.fibres;
-    let angles = Angles {
-        alpha_endo_deg: f.alpha_endo_deg,
-        alpha_epi_deg: f.alpha_epi_deg,
-        beta_endo_deg: f.beta_endo_deg,
-        beta_epi_deg: f.beta_epi_deg,
-    };
-    mesh.frames = frames(&mesh, &muscle, &found, &angles);
+    if mesh.frames.is_empty() {
+        let found = fields(&mesh, &muscle, Longitudinal::FromBase)?;
+        let f = &anatomy.fibres;
+        let angles = Angles {
+            alpha_endo_deg: f.alpha_endo_deg,
+            alpha_epi_deg: f.alpha_epi_deg,
+            beta_endo_deg: f.beta_endo_deg,
+            beta_epi_deg: f.beta_epi_deg,
+        };
+        mesh.frames = frames(&mesh, &muscle, &found, &angles);
+    }
     let fibred = begun.elapsed().as_secs_f64();
-    let speeds = &anatomy.conduction;
-    let conduction = Conduction {
-        speeds: Speeds { fibre: speeds.along_m_per_s, sheet: speeds.across_m_per_s, normal: speeds.across_m_per_s },
-        endocardial_speed: (speeds.endocardium_m_per_s > 0.0).then_some(speeds.endocardium_m_per_s),
-        tags: muscle.to_vec(),
-        sites: made.shape.fascicles().to_vec(),
+    let times = match times_ms {
+        Some(times) => from_the_first(times),
+        None => {
+            let speeds = &anatomy.conduction;
+            let conduction = Conduction {
+                speeds: Speeds {
+                    fibre: speeds.along_m_per_s,
+                    sheet: speeds.across_m_per_s,
+                    normal: speeds.across_m_per_s,
+                },
+                endocardial_speed: (speeds.endocardium_m_per_s > 0.0).then_some(speeds.endocardium_m_per_s),
+                tags: muscle.to_vec(),
+                sites,
+            };
+            activation_ms(&mesh, &conduction)?
+        }
     };
-    let times = activation_ms(&mesh, &conduction)?;
     let activated = begun.elapsed().as_secs_f64();
     for (sum, own) in seconds.iter_mut().zip([meshed, fibred - meshed, activated - fibred]) {
         *sum += own;
     }
     Ok((mesh, times))
+}
+
+/// Times from the earliest on; nodes without one are never activated.
+fn from_the_first(times: Vec<f64>) -> Vec<f64> {
+    let first = times.iter().copied().filter(|t| t.is_finite()).fold(f64::INFINITY, f64::min);
+    times.into_iter().map(|t| if t.is_finite() { t - first } else { f64::INFINITY }).collect()
 }
 
 /// Factor of the exponents that the patient's effects ask for.
@@ -220,7 +246,7 @@ fn build(
     wall_ml: f64,
     of_effects: f64,
     target: &Target,
-    given: bool,
+    (given, own): (bool, Option<Taken>),
     context: &mut Context,
 ) -> Result<Built, TaskError> {
     let goal = target.fit(given);
@@ -234,23 +260,26 @@ fn build(
     let mut seconds = [0.0; 3];
     let mut sizes = vec![];
     let mut smaller = FIRST_NODES;
-    while !given && spec.mesh_nodes > 4 * smaller {
+    let last = own.as_ref().map_or(spec.mesh_nodes, |own| own.mesh.n_nodes() as u32);
+    while !given && last > 4 * smaller {
         sizes.push(smaller);
         smaller *= 8;
     }
-    sizes.push(spec.mesh_nodes);
+    sizes.push(last);
+    let mut own = own;
     let mut slope = None;
     for n_nodes in sizes {
         context.check_stop()?;
         context.progress.report("mesh", 0.0, None, || format!("about {n_nodes} nodes"));
-        let (mesh, times) = mesh(spec, n_nodes, target.image_ml, wall_ml, &mut seconds)?;
+        let taken = if n_nodes == last { own.take() } else { None };
+        let (mesh, times) = mesh(spec, taken, n_nodes, (target.image_ml, wall_ml), &mut seconds)?;
         let anatomy = Anatomy::of(&mesh, &[tags::LEFT_VENTRICLE], wall::element(spec.element))
             .map_err(FiniteElementError::from)?;
         let degrees_of_freedom = 3 * anatomy.nodes.len();
         context.progress.report("unloading", 0.0, None, || {
             format!("{} nodes, {} tetrahedra, {degrees_of_freedom} degrees of freedom", mesh.n_nodes(), mesh.n_tets())
         });
-        if n_nodes < spec.mesh_nodes {
+        if n_nodes < last {
             match fitted(&anatomy, &start, 1.0, (&goal, slope), context) {
                 Ok(found) => (start, slope) = (found.wall, found.slope),
                 Err(TaskError::Cancelled) => return Err(TaskError::Cancelled),
@@ -291,11 +320,21 @@ pub(super) fn make(
     }
     let given = spec.guccione_c_kpa.is_some();
     let mut target = Target::of(spec, measured, end_diastole, &mut remarks);
-    let built = match build(&adapted, wall_ml, of_effects, &target, given, context) {
-        Err(TaskError::FiniteElement(error)) if target.before_end_diastole && !given => {
+    let own = spec.own_mesh.as_ref().map(|own| take(own, target.image_ml)).transpose()?;
+    if let Some(own) = &own {
+        // The image's volume is the mesh's, whatever was measured in other images.
+        if target.before_end_diastole {
+            target.image_ml = own.cavity_ml;
+        } else {
+            target = Target::loaded(own.cavity_ml, end_diastole);
+        }
+    }
+    let built = match build(&adapted, wall_ml, of_effects, &target, (given, own), context) {
+        // A patient's own mesh shows what it shows.
+        Err(TaskError::FiniteElement(error)) if target.before_end_diastole && !given && spec.own_mesh.is_none() => {
             remarks.push(format!("{error}: the mesh is made for end-diastole, with Klotz's unloaded volume alone"));
             target = Target::loaded(end_diastole.volume_ml, end_diastole);
-            build(&adapted, wall_ml, of_effects, &target, given, context)?
+            build(&adapted, wall_ml, of_effects, &target, (given, None), context)?
         }
         built => built?,
     };

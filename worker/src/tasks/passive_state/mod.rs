@@ -4,6 +4,7 @@ mod corrections;
 pub(crate) mod estimates;
 mod finite_element;
 mod onset;
+mod own_mesh;
 mod perturbation;
 
 use std::collections::BTreeMap;
