@@ -90,10 +90,10 @@ pub async fn drive_job<E: Executor>(
     Ok(Some(end))
 }
 
-/// [`drive_job`] with worker processes on this node; SIGUSR1 is the warning before the walltime.
+/// Does what the order of a job's folder says, with worker processes on this node; SIGUSR1 is the warning before the walltime.
 ///
 /// # Errors
-/// As [`drive_job`].
+/// [`EngineError`] where the job's folder or an attempt's cannot be read or written.
 pub async fn drive_here(place: &DriverPlace) -> Result<Option<DriverEnd>, EngineError> {
     let file = |source| EngineError::File { what: "catch signals for", path: place.folder.clone(), source };
     let stop = StopSignal::from_signals().map_err(file)?;

@@ -103,8 +103,8 @@ impl World {
             name: name.clone(),
         };
         self.jobs.place(&row);
-        self.touch_placed(&row);
         self.jobs.rows.insert(name.clone(), row);
+        self.touch_placed(&name, None);
         self.jobs.fresh.insert(name.clone());
         self.put_action(Action::SubmitJob { job: name });
     }
@@ -117,10 +117,17 @@ impl World {
             return Ok(());
         }
         row.state = state;
-        let row = row.clone();
+        let element = match &event {
+            JobEvent::Cancel { element }
+            | JobEvent::GiveUp { element }
+            | JobEvent::Seen { element, .. }
+            | JobEvent::Vanished { element, .. }
+            | JobEvent::Ended { element, .. } => Some(*element),
+            JobEvent::Accepted { .. } | JobEvent::Refused { .. } | JobEvent::Doubt { .. } | JobEvent::Absent => None,
+        };
         self.log("job", None, None, &json!({ "job": name, "event": event }));
         self.jobs.dirty.insert(name.to_owned());
-        self.touch_placed(&row);
+        self.touch_placed(name, element);
         for action in actions {
             let job = name.to_owned();
             self.put_action(match action {
@@ -138,13 +145,13 @@ impl World {
         self.jobs.set_allotment(patient_id, Allotment { plans, ..Allotment::default() });
     }
 
-    /// What `status` shows of a job's patients follows from the job.
-    pub fn touch_placed(&mut self, row: &JobRow) {
-        for placed in row.spec.elements.iter().flatten() {
-            if let Some(&i) = self.by_id.get(&placed.patient_id) {
-                self.touch(i);
-            }
-        }
+    /// What `status` shows of the patients of a job, or of one element of it, follows from the job.
+    pub fn touch_placed(&mut self, name: &str, element: Option<usize>) {
+        let Some(row) = self.jobs.rows.get(name) else { return };
+        let lists = row.spec.elements.iter().enumerate().filter(|(i, _)| element.is_none_or(|element| *i == element));
+        let patients: Vec<usize> =
+            lists.flat_map(|(_, list)| list).filter_map(|placed| self.by_id.get(&placed.patient_id).copied()).collect();
+        patients.into_iter().for_each(|i| self.touch(i));
     }
 
     /// The end of an element was taken up: its patients are free.

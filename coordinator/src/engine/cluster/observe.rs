@@ -1,6 +1,7 @@
 //! What became of jobs: their own evidence first, then one squeue, then at most one sacct.
 
 use std::collections::HashMap;
+use std::hash::Hash;
 
 use cardiotwin_schemas::allocation::DriverEnding;
 use cardiotwin_schemas::failure::SiteCause;
@@ -26,7 +27,8 @@ const MOST_NAMES: usize = 1000;
 /// The database may believe a job alive that the controller has forgotten: for so many graces.
 const GRACES_OF_A_DISPUTE: i64 = 10;
 
-type Queued = HashMap<String, Table<QueueRow>>;
+/// By name and element: of a large array each element finds its own rows.
+type Queued = HashMap<(String, Option<u32>), Table<QueueRow>>;
 type Accounted = HashMap<String, Table<AccountingRow>>;
 
 impl<S: Scheduler> Cluster<S> {
@@ -49,7 +51,7 @@ impl<S: Scheduler> Cluster<S> {
         }
         let queue = self.ask(commands::queue(), queue::read).await;
         self.queue.clone_from(&queue);
-        let queued = queue.map(|table| by_name(table, |row| &row.name));
+        let queued = queue.map(|table| by_key(table, |row| (row.name.clone(), row.id.element)));
         let work = self.world.elements_at_work();
         let unclear: Vec<&String> = work
             .iter()
@@ -58,7 +60,7 @@ impl<S: Scheduler> Cluster<S> {
             .collect();
         let accounted = match unclear.is_empty() {
             true => None,
-            false => self.ask_accounting(&unclear).await.map(|table| by_name(table, |row| &row.name)),
+            false => self.ask_accounting(&unclear).await.map(|table| by_key(table, |row| row.name.clone())),
         };
         for (name, element) in work {
             self.take_truth(&name, element, queued.as_ref(), accounted.as_ref())?;
@@ -147,13 +149,17 @@ impl<S: Scheduler> Cluster<S> {
         Wanted { name, element: is_array.then(|| u32::try_from(element).unwrap_or(u32::MAX)) }
     }
 
+    fn key(&self, name: &str, element: usize) -> (String, Option<u32>) {
+        (name.to_owned(), self.wanted(name, element).element)
+    }
+
     /// Whether the queue alone leaves open what became of an element.
     fn needs_accounting(&self, name: &str, element: usize, queued: Option<&Queued>) -> bool {
         let Some(row) = self.world.jobs.rows.get(name) else { return false };
         if row.state.submission == Submission::Intended {
             return false;
         }
-        match truth::of(self.wanted(name, element), of(queued, name).as_ref(), None) {
+        match truth::of(self.wanted(name, element), of_key(queued, &self.key(name, element)), None) {
             Truth::Alive(_) => false,
             // Who cancelled it, and with which code it failed, only accounting tells.
             Truth::Ended(ended) => {
@@ -174,9 +180,8 @@ impl<S: Scheduler> Cluster<S> {
         if row.state.submission == Submission::Intended {
             return Ok(());
         }
-        let accounting =
-            accounted.map(|all| all.get(name).cloned().unwrap_or(Table { rows: Vec::new(), unreadable: Vec::new() }));
-        match truth::of(self.wanted(name, element), of(queued, name).as_ref(), accounting.as_ref()) {
+        let accounting = of_key(accounted, &name.to_owned());
+        match truth::of(self.wanted(name, element), of_key(queued, &self.key(name, element)), accounting) {
             Truth::Alive(alive) => self.alive(name, element, &alive),
             Truth::Ended(ended) => self.ended(name, element, &ended),
             Truth::Unknown(unknown) => self.unknown(name, element, &unknown),
@@ -184,8 +189,19 @@ impl<S: Scheduler> Cluster<S> {
     }
 
     fn alive(&mut self, name: &str, element: usize, alive: &Alive) -> Result<(), EngineError> {
-        self.world.job_event(name, JobEvent::Accepted { job: Some(alive.id.job) })?;
-        self.world.job_event(name, JobEvent::Seen { element, runs: alive.runs })?;
+        let Some(row) = self.world.jobs.rows.get(name) else { return Ok(()) };
+        let known = matches!(row.state.submission, Submission::Accepted { job: Some(_) });
+        let as_before = match row.state.elements.get(element) {
+            Some(Element::Running) => alive.runs,
+            Some(Element::Waiting) => !alive.runs,
+            _ => false,
+        };
+        if !known {
+            self.world.job_event(name, JobEvent::Accepted { job: Some(alive.id.job) })?;
+        }
+        if !as_before {
+            self.world.job_event(name, JobEvent::Seen { element, runs: alive.runs })?;
+        }
         let why = alive.why.as_ref().map(|why| why.words.clone()).unwrap_or_default();
         self.look(name, element, |seen| {
             seen.why = why;
@@ -264,10 +280,8 @@ impl<S: Scheduler> Cluster<S> {
 
     /// What was seen of an element is shown with its patients.
     fn look(&mut self, name: &str, element: usize, change: impl FnOnce(&mut SeenElement)) {
-        if self.world.jobs.see(name, element, change)
-            && let Some(row) = self.world.jobs.rows.get(name).cloned()
-        {
-            self.world.touch_placed(&row);
+        if self.world.jobs.see(name, element, change) {
+            self.world.touch_placed(name, Some(element));
         }
     }
 }
@@ -285,20 +299,23 @@ fn cause_of(class: Class) -> SiteCause {
     }
 }
 
-/// A table's rows by the names of their jobs; what could not be read is everybody's doubt.
-fn by_name<Row: Clone>(table: Table<Row>, name: impl Fn(&Row) -> &String) -> HashMap<String, Table<Row>> {
-    let mut tables: HashMap<String, Table<Row>> = HashMap::new();
+/// A table's rows by what they are looked up by; what could not be read is everybody's doubt, under the empty key.
+fn by_key<Row, Key: Hash + Eq + Default>(table: Table<Row>, key: impl Fn(&Row) -> Key) -> HashMap<Key, Table<Row>> {
+    let mut tables: HashMap<Key, Table<Row>> = HashMap::new();
     let unreadable = table.unreadable;
     for row in table.rows {
-        let entry = tables.entry(name(&row).clone());
+        let entry = tables.entry(key(&row));
         entry.or_insert_with(|| Table { rows: Vec::new(), unreadable: unreadable.clone() }).rows.push(row);
     }
-    tables.entry(String::new()).or_insert_with(|| Table { rows: Vec::new(), unreadable });
+    tables.entry(Key::default()).or_insert_with(|| Table { rows: Vec::new(), unreadable });
     tables
 }
 
-/// The rows of one name; without any, the answer itself still counts.
-fn of(queued: Option<&Queued>, name: &str) -> Option<Table<QueueRow>> {
-    let all = queued?;
-    all.get(name).or_else(|| all.get("")).cloned()
+/// The rows of one key; without any, the answer itself still counts.
+fn of_key<'a, Row, Key: Hash + Eq + Default>(
+    tables: Option<&'a HashMap<Key, Table<Row>>>,
+    key: &Key,
+) -> Option<&'a Table<Row>> {
+    let tables = tables?;
+    tables.get(key).or_else(|| tables.get(&Key::default()))
 }

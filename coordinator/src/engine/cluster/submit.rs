@@ -148,7 +148,7 @@ impl<S: Scheduler> Cluster<S> {
                 for element in 0..row.spec.elements.len() {
                     self.world.jobs.see(name, element, |seen| seen.why.clone_from(&why));
                 }
-                self.world.touch_placed(&row);
+                self.world.touch_placed(name, None);
                 self.hold(Some(format!("the queue takes no more jobs: {}", refusal.said)));
                 Room::Closed
             }
