@@ -3,8 +3,9 @@
 use cardiotwin_schemas::SCHEMA_VERSION;
 use cardiotwin_schemas::failure::{Failure, FailureClass};
 use cardiotwin_schemas::ids::AttemptId;
-use cardiotwin_schemas::task::AttemptSpec;
+use cardiotwin_schemas::task::{AttemptSpec, TaskSpec};
 
+use super::cores;
 use super::decide::Circumstance;
 use super::drive::Drive;
 use super::watch::Tail;
@@ -66,7 +67,7 @@ impl<E: Executor> Drive<E> {
         let wanted = |a: &AttemptEntry| !a.state.is_final() && !matches!(a.state, Attempt::Cancelling);
         let wanted = self.world.attempts.get(attempt).is_some_and(wanted) && !self.tails.contains_key(attempt);
         let Some(task) = self.world.tasks.get(&attempt.task).filter(|_| wanted) else { return Ok(()) };
-        let task = serde_json::from_str(&task.spec).map_err(|source| crate::store::StoreError::Content {
+        let task: TaskSpec = serde_json::from_str(&task.spec).map_err(|source| crate::store::StoreError::Content {
             table: "tasks",
             column: "spec",
             row: attempt.task.to_string(),
@@ -76,7 +77,7 @@ impl<E: Executor> Drive<E> {
         let spec = AttemptSpec {
             schema_version: SCHEMA_VERSION,
             attempt: attempt.clone(),
-            threads: self.settings.threads.max(1),
+            threads: cores::threads(&self.settings, &task),
             instruction_set: self.settings.instruction_set,
             vtu_every_ms: self.settings.vtu_every_ms,
             task,

@@ -5,7 +5,6 @@ use cardiotwin_schemas::failure::FailureClass;
 use cardiotwin_schemas::ids::{AttemptId, PatientId, TaskKey};
 use cardiotwin_schemas::outcome::TaskOutcome;
 use cardiotwin_schemas::plan::{ResolvedPatient, Workflow};
-use cardiotwin_schemas::settings::ExecutorSettings;
 
 use super::workflow::{self, Next};
 use super::world::World;
@@ -337,14 +336,4 @@ fn note(world: &World, i: usize, step: Step) -> String {
         Stage::Verification => chain.verification_cost.map_or_else(String::new, |cost| format!("cost {cost:.3}")),
         _ => String::new(),
     }
-}
-
-/// Workers at once: as asked, or one for each core.
-#[must_use]
-pub fn workers(settings: &ExecutorSettings) -> usize {
-    match settings.workers {
-        0 => std::thread::available_parallelism().map_or(1, std::num::NonZero::get) / settings.threads.max(1) as usize,
-        n => n as usize,
-    }
-    .max(1)
 }

@@ -16,6 +16,7 @@ use cardiotwin_schemas::failure::FailureClass;
 use cardiotwin_schemas::ids::{AttemptId, ExternalId, PatientId};
 use cardiotwin_schemas::settings::ExecutorSettings;
 
+use super::cores;
 use super::crash::CrashPoints;
 use super::decide::{Circumstance, Decider};
 use super::watch::Tail;
@@ -211,12 +212,25 @@ impl<E: Executor> Drive<E> {
         let waiting = |a: &&AttemptEntry| matches!(a.state, Attempt::Planned | Attempt::Submitting);
         let mut free = self.executor.free().saturating_sub(self.world.attempts.values().filter(waiting).count());
         free = free.min(LARGEST_GROUP);
-        while free > 0 {
-            let Some((_, key)) = self.world.ready.pop_first() else { break };
+        let active = self.world.attempts.iter().filter(|(_, attempt)| !attempt.state.is_final());
+        let (mut others, mut alone) = (0, false);
+        for (id, _) in active {
+            others += 1;
+            alone |= self.world.tasks.get(&id.task).is_some_and(|task| cores::takes_all(&self.settings, task));
+        }
+        while free > 0 && !alone {
+            let Some((position, key)) = self.world.ready.pop_first() else { break };
             let task = &self.world.tasks[&key];
             if !matches!(task.state, Task::Open { .. }) || task.waiters.is_empty() {
                 continue;
             }
+            alone = cores::takes_all(&self.settings, task);
+            if alone && others > 0 {
+                // Nothing begins until all cores are free for it.
+                self.world.ready.insert((position, key));
+                break;
+            }
+            others += 1;
             let waiters = task.waiters.clone();
             let attempt = self.world.begin(&key)?;
             free -= 1;

@@ -31,6 +31,7 @@ mod act;
 pub mod bench;
 mod change;
 mod cluster;
+mod cores;
 mod crash;
 mod decide;
 mod drive;
@@ -126,7 +127,7 @@ pub async fn run(options: RunOptions, events: EventSender, stop: StopSignal) -> 
         return tick(options, (run_dir, lease), Installed, (worker, program), crash, events, stop).await;
     }
     let (lock, run_dir) = enter(&options.run_dir)?;
-    let workers = decide::workers(&options.executor);
+    let workers = cores::workers(&options.executor);
     let summary = match options.executor.kind {
         ExecutorKind::Local => {
             let worker = find_worker(options.worker.as_deref())?;

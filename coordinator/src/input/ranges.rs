@@ -35,7 +35,7 @@ pub fn complaints(settings: &Settings) -> Vec<Complaint> {
     list.step1(&settings.step1);
     list.step2(&settings.step2);
     let executor = &settings.executor;
-    list.count("executor.threads", executor.threads, 1, 1024);
+    list.count("executor.threads", executor.threads, 0, 1024);
     list.count("executor.workers", executor.workers, 0, 4096);
     list.count("executor.site_retries", executor.site_retries, 0, 100);
     list.within("executor.vtu_every_ms", executor.vtu_every_ms, 0.0, 1e5);
@@ -316,7 +316,7 @@ mod tests {
         assert_eq!(keys(|s| s.solver.time_step_ms = 0.01), ["solver.shortest_step_ms"]);
         assert_eq!(keys(|s| s.step2.recombination = 1.1), ["step2.recombination"]);
         assert_eq!(keys(|s| s.step2.mutation = [1.0, 0.5]), ["step2.mutation"]);
-        assert_eq!(keys(|s| s.executor.threads = 0), ["executor.threads"]);
+        assert_eq!(keys(|s| s.executor.threads = 2000), ["executor.threads"]);
     }
 
     #[test]

@@ -86,6 +86,28 @@ impl Bench {
     }
 }
 
+#[tokio::test]
+async fn a_beat_on_a_large_mesh_takes_all_cores_and_nothing_runs_beside_it() {
+    let cores = std::thread::available_parallelism().unwrap().get();
+    for (nodes, threads) in [(8000, cores as u32), (7999, 1)] {
+        let patients = (1..6).map(|k| personalised(&format!("P{k}"), 7.0 + f64::from(k))).collect();
+        let bench = Bench::new(patients);
+        bench.script(|s| s.nodes = Some(nodes));
+        let (summary, submitted) = bench.run().await;
+        assert_eq!((summary.done, summary.failed), (5, 0));
+        let seen = bench.script.lock().unwrap().threads_and_others.clone();
+        let mut beside = 0;
+        let mut last = "";
+        for (kind, (found, others)) in submitted.iter().zip(&seen) {
+            assert_eq!(*found, if *kind == "organ-beat" { threads } else { 1 }, "{kind} on {nodes} nodes");
+            // Two run at most: what runs beside is the one before.
+            beside += usize::from(*others > 0 && [*kind, last].contains(&"organ-beat"));
+            last = kind;
+        }
+        assert_eq!(beside == 0, threads > 1, "{nodes} nodes: {seen:?}");
+    }
+}
+
 fn layer(value: serde_json::Value) -> SettingsLayer {
     serde_json::from_value(value).unwrap()
 }

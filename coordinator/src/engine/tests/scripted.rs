@@ -7,6 +7,7 @@ use std::sync::{Arc, Mutex};
 use cardiotwin_schemas::SCHEMA_VERSION;
 use cardiotwin_schemas::biomarkers::{Biomarkers, CellBiomarkers};
 use cardiotwin_schemas::failure::{Failure, FailureClass};
+use cardiotwin_schemas::finite_element::{FiniteElementOrgan, VentricleFigures};
 use cardiotwin_schemas::ids::{AttemptId, ExternalId};
 use cardiotwin_schemas::organ::{
     ActivationSpec, CirculationSpec, ContractionSpec, OneFibrePassive, OrganSpec, Step1Parameters, WindkesselParameters,
@@ -16,7 +17,7 @@ use cardiotwin_schemas::outcome::{
     Step1ProposalResult, TargetsResult, TaskOutcome, TaskResult,
 };
 use cardiotwin_schemas::provenance::Provenance;
-use cardiotwin_schemas::task::TaskSpec;
+use cardiotwin_schemas::task::{InputFile, TaskSpec};
 
 use crate::dispatch::{DispatchError, Evidence, Executor, Found, News, Order};
 
@@ -33,8 +34,12 @@ pub struct Script {
     pub lost_attempts: u32,
     /// Kinds of the tasks that were submitted, in order.
     pub submitted: Vec<&'static str>,
+    /// Threads of each of them, and how many ran beside it when it was submitted.
+    pub threads_and_others: Vec<(u32, usize)>,
     /// Never answers tasks of this kind.
     pub silent_on: Option<&'static str>,
+    /// Step 0 makes a finite-element ventricle of so many nodes.
+    pub nodes: Option<u64>,
 }
 
 #[derive(Debug, Default)]
@@ -113,6 +118,27 @@ fn passive_state(edp_mmhg: f64) -> TaskResult {
     })
 }
 
+fn finite_element(nodes: u64) -> FiniteElementOrgan {
+    let figures = VentricleFigures {
+        nodes,
+        elements: 5 * nodes,
+        degrees_of_freedom: 3 * nodes,
+        mean_edge_mm: 2.0,
+        wall_volume_ml: 120.0,
+        image_volume_ml: 110.0,
+        image_pressure_mmhg: 6.0,
+        unloaded_volume_ml: 50.0,
+        end_diastolic_volume_ml: 120.0,
+        end_diastolic_pressure_mmhg: 8.0,
+        stiffness_kpa: 0.5,
+        exponent_factor: 1.0,
+        onset_ms: 5.0,
+        spread_ms: 40.0,
+    };
+    let ventricle = InputFile { name: "ventricle".into(), path: "ventricle.bin".into(), sha256: "0".into() };
+    FiniteElementOrgan { ventricle, figures }
+}
+
 fn beat(biomarkers: Biomarkers, opened: bool) -> TaskResult {
     let check =
         |name: &str, passed| Check { name: name.into(), passed, found: passed.to_string(), expected: "true".into() };
@@ -135,7 +161,13 @@ fn fitted(name: &str, value: f64, lower: f64, upper: f64) -> FittedParameter {
 impl Script {
     pub fn ending(&self, task: &TaskSpec) -> Ending {
         let result = match task {
-            TaskSpec::PassiveState(spec) => passive_state(spec.end_diastolic_pressure_mmhg.unwrap_or(8.0)),
+            TaskSpec::PassiveState(spec) => {
+                let mut state = passive_state(spec.end_diastolic_pressure_mmhg.unwrap_or(8.0));
+                if let (TaskResult::PassiveState(state), Some(nodes)) = (&mut state, self.nodes) {
+                    state.organ = OrganSpec::FiniteElement(Box::new(finite_element(nodes)));
+                }
+                state
+            }
             TaskSpec::OrganBeat(spec) => match &spec.contraction {
                 ContractionSpec::Tanh { parameters } => {
                     if self.diverges_above_kpa.is_some_and(|limit| parameters.smax_ref_kpa > limit) {
@@ -217,6 +249,7 @@ impl Executor for Scripted {
         let attempt = order.spec.attempt.clone();
         let mut script = self.script.lock().unwrap();
         script.submitted.push(order.spec.task.kind());
+        script.threads_and_others.push((order.spec.threads, self.running.len()));
         self.running.insert(attempt.clone(), true);
         if script.silent_on == Some(order.spec.task.kind()) {
             return Ok(ExternalId::from("1"));

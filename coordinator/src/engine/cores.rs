@@ -1,0 +1,58 @@
+//! How many threads a task gets, and how many tasks run beside it.
+
+use cardiotwin_schemas::finite_element::{FiniteElementSettings, LinearSolver};
+use cardiotwin_schemas::organ::OrganSpec;
+use cardiotwin_schemas::settings::{ExecutorKind, ExecutorSettings};
+use cardiotwin_schemas::task::TaskSpec;
+
+use super::entries::TaskEntry;
+
+/// From so many nodes on a beat in 3D is shared among all cores: below, threads wait for each other more than they save, and
+/// other patients make better use of the cores.
+const LARGE_MESH_NODES: u64 = 8000;
+
+fn cores() -> usize {
+    std::thread::available_parallelism().map_or(1, std::num::NonZero::get)
+}
+
+/// Workers at once: as asked, or one for each core.
+#[must_use]
+pub fn workers(settings: &ExecutorSettings) -> usize {
+    match settings.workers {
+        0 => cores() / settings.threads.max(1) as usize,
+        n => n as usize,
+    }
+    .max(1)
+}
+
+/// Threads of a task: as asked, or all cores for a beat on a large mesh and one for anything else.
+#[must_use]
+pub fn threads(settings: &ExecutorSettings, task: &TaskSpec) -> u32 {
+    match settings.threads {
+        // What a job on another machine may use, its allocation says.
+        0 if settings.kind == ExecutorKind::Local && is_large(task) => cores() as u32,
+        0 => 1,
+        n => n,
+    }
+}
+
+/// Whether a task takes all cores, so that nothing runs beside it.
+pub(super) fn takes_all(settings: &ExecutorSettings, task: &TaskEntry) -> bool {
+    settings.threads == 0
+        && settings.kind == ExecutorKind::Local
+        && cores() > 1
+        && task.kind == "organ-beat"
+        // One that cannot be read fails when it is begun, and says so there.
+        && serde_json::from_str(&task.spec).is_ok_and(|spec| is_large(&spec))
+}
+
+/// A beat on a large mesh, of elements and with a solver that several threads share.
+fn is_large(task: &TaskSpec) -> bool {
+    let TaskSpec::OrganBeat(beat) = task else { return false };
+    let OrganSpec::FiniteElement(organ) = &beat.organ else { return false };
+    let equations = beat.finite_element.unwrap_or_else(|| FiniteElementSettings::default().equations());
+    let figures = &organ.figures;
+    figures.nodes >= LARGE_MESH_NODES
+        && figures.degrees_of_freedom == 3 * figures.nodes
+        && equations.linear_solver == LinearSolver::BlockJacobi
+}
