@@ -35,6 +35,17 @@ pub enum LinearSolver {
     Direct,
 }
 
+/// What is computed of electrophysiology.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum Electrophysiology {
+    /// Activation times.
+    #[default]
+    Eikonal,
+    /// Transmembrane potentials too, after the verification beat: nothing waits for them.
+    ReactionEikonal,
+}
+
 /// Material, supports and damping of the wall. Those without a source are assumptions (docs/models.md).
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
@@ -151,6 +162,13 @@ pub struct FiniteElementSettings {
     pub fibres: FibreSettings,
     /// Activation.
     pub conduction: ConductionSettings,
+    /// Whether transmembrane potentials are wanted.
+    #[serde(skip_serializing_if = "is_eikonal")]
+    pub ep: Electrophysiology,
+}
+
+fn is_eikonal(ep: &Electrophysiology) -> bool {
+    *ep == Electrophysiology::Eikonal
 }
 
 impl Default for FiniteElementSettings {
@@ -164,6 +182,7 @@ impl Default for FiniteElementSettings {
             wall: WallSettings::default(),
             fibres: FibreSettings::default(),
             conduction: ConductionSettings::default(),
+            ep: Electrophysiology::default(),
         }
     }
 }
@@ -186,7 +205,7 @@ impl FiniteElementSettings {
     /// What a beat needs of them.
     #[must_use]
     pub fn equations(&self) -> EquationSettings {
-        EquationSettings { tolerance: self.tolerance, linear_solver: self.linear_solver }
+        EquationSettings { tolerance: self.tolerance, linear_solver: self.linear_solver, potentials: None }
     }
 }
 
@@ -250,6 +269,9 @@ pub struct EquationSettings {
     pub tolerance: f64,
     /// How linear systems are solved.
     pub linear_solver: LinearSolver,
+    /// Speeds of the wave whose transmembrane potentials are wanted after the beat; absent: none are.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub potentials: Option<ConductionSettings>,
 }
 
 /// A finite-element ventricle that step 0 made.

@@ -49,7 +49,18 @@ pub const CRATES: &[Rule] = &[
     },
     Rule {
         who: "worker",
-        may: &["schemas", "units", "signals", "mesh", "models", "cell-engine", "mechanics", "calibrate", "discover"],
+        may: &[
+            "schemas",
+            "units",
+            "signals",
+            "mesh",
+            "models",
+            "cell-engine",
+            "mechanics",
+            "electrophysiology",
+            "calibrate",
+            "discover",
+        ],
         why: "one conversion from a task's spec to solver types per kind; nobody imports worker",
     },
     Rule {

@@ -249,6 +249,32 @@ fn step_0_is_read_by_beats_that_stop_go_on_diverge_and_take_effects() {
 }
 
 #[test]
+fn potentials_come_after_the_beat_where_they_are_asked_for() {
+    let folder = tempfile::tempdir().unwrap();
+    let state = passive_state(&step0_spec(), &mut Context::plain(folder.path(), 1));
+    let mut spec = beat(&state, 120.0);
+    run(&spec, &mut Context::plain(folder.path(), 1));
+    assert!(!folder.path().join("vm.igb").exists());
+    let equations = spec.finite_element.as_mut().expect("in 3D");
+    equations.potentials = Some(coarse().conduction);
+    run(&spec, &mut Context::plain(folder.path(), 1));
+    let nodes = figures(&state).nodes as usize;
+    let igb = read(folder.path(), "vm.igb");
+    assert_eq!(igb.len(), 1024 + 4 * 121 * nodes);
+    assert!(String::from_utf8_lossy(&igb[..1024]).starts_with(&format!("x:{nodes} y:1 z:1 t:121 type:float")));
+    let csv = String::from_utf8(read(folder.path(), "vm.csv")).unwrap();
+    let median = |line: usize| csv.lines().nth(line).unwrap().split(',').nth(1).unwrap().parse::<f64>().unwrap();
+    assert_eq!(csv.lines().count(), 122);
+    // At rest, and on the plateau a tenth of a second after activation.
+    assert!(
+        (-86.0..-83.0).contains(&median(1)) && (-10.0..40.0).contains(&median(121)),
+        "{} {}",
+        median(1),
+        median(121)
+    );
+}
+
+#[test]
 fn diastasis_starts_from_the_image_at_end_diastolic_pressure() {
     let folder = tempfile::tempdir().unwrap();
     let spec = PassiveStateSpec { start: StartMode::Diastasis, guccione_c_kpa: Some(2.0), ..step0_spec() };

@@ -11,6 +11,7 @@ use std::path::PathBuf;
 use cardiotwin_calibrate::fixed_point;
 use cardiotwin_schemas::biomarkers::Biomarkers;
 use cardiotwin_schemas::failure::{Failure, FailureClass};
+use cardiotwin_schemas::finite_element::Electrophysiology;
 use cardiotwin_schemas::hash::sha256_hex;
 use cardiotwin_schemas::ids::TaskKey;
 use cardiotwin_schemas::organ::{BeatCount, ContractionSpec, OrganSpec, Step1Parameters, ValveParameters};
@@ -380,7 +381,15 @@ impl<'a> Derivation<'a, '_> {
         valves: ValveParameters,
     ) -> Derived<()> {
         let step = Step::only(Stage::Verification);
-        let done = self.result(step, self.beat(step0, contraction, valves))?;
+        let mut task = self.beat(step0, contraction, valves);
+        let settings = &self.plan.settings.solver.finite_element;
+        if let TaskSpec::OrganBeat(spec) = &mut task
+            && let Some(equations) = &mut spec.finite_element
+            && settings.ep == Electrophysiology::ReactionEikonal
+        {
+            equations.potentials = Some(settings.conduction);
+        }
+        let done = self.result(step, task)?;
         let TaskResult::OrganBeat(beat) = done.result else { return Err(wrong_kind(step, done.result)) };
         if let Some(valve) = beat.failed_valve() {
             return Err(broken(step, FailureClass::Numerics, format!("the fitted cell makes no whole beat: {valve}")));

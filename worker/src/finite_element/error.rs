@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 
+use cardiotwin_electrophysiology::ElectrophysiologyError;
 use cardiotwin_mechanics::organ::{AnatomyError, PassiveStateError};
 use cardiotwin_mesh::eikonal::EikonalError;
 use cardiotwin_mesh::ellipsoid::EllipsoidError;
@@ -28,6 +29,9 @@ pub enum FiniteElementError {
     /// No activation.
     #[error("activation")]
     Activation(#[from] EikonalError),
+    /// No potentials.
+    #[error("potentials")]
+    Potentials(#[source] ElectrophysiologyError),
     /// The mesh is no anatomy.
     #[error("anatomy")]
     Anatomy(#[from] AnatomyError),
@@ -60,7 +64,9 @@ impl FiniteElementError {
             Self::Mesh(_) | Self::OwnMesh { .. } | Self::PassiveState(PassiveStateError::NoStiffness { .. }) => {
                 FailureClass::Input
             }
-            Self::Fibres(_) | Self::Activation(_) | Self::Anatomy(_) | Self::PassiveState(_) => FailureClass::Numerics,
+            Self::Fibres(_) | Self::Activation(_) | Self::Potentials(_) | Self::Anatomy(_) | Self::PassiveState(_) => {
+                FailureClass::Numerics
+            }
             Self::File { .. } => FailureClass::Site,
             Self::Exponents { .. } => FailureClass::Bug,
         }
@@ -81,6 +87,7 @@ impl FiniteElementError {
                 Some("mend the mesh or [anatomy.mesh] of patient.toml; `cardiotwin check` tells what is missing")
             }
             Self::File { .. } => Some("run step 0 again: `cardiotwin rerun PATIENT --from step0`"),
+            Self::Potentials(_) => Some("set solver.finite_element.ep = \"eikonal\": nothing else needs potentials"),
             Self::Fibres(_) | Self::Activation(_) | Self::Anatomy(_) | Self::Exponents { .. } => None,
         }
     }

@@ -23,7 +23,7 @@ use cardiotwin_schemas::outcome::Ending;
 use cardiotwin_schemas::task::{OrganBeatSpec, TaskSpec};
 use cardiotwin_units::{Ml, Mmhg, Ms};
 
-use super::{contraction, effects, ending, heart as left_heart, settings};
+use super::{contraction, effects, ending, heart as left_heart, potentials, settings};
 use crate::context::Context;
 use crate::error::TaskError;
 use crate::files;
@@ -143,6 +143,11 @@ pub(super) fn run(
         if let Some(surface) = heart::surface(&drawn, &shapes, &result.traces) {
             context.artefacts.write_bytes("heart", "heart.json", heart::text(&surface).as_bytes())?;
         }
+        if let Some(conduction) = spec.finite_element.and_then(|equations| equations.potentials) {
+            let begun = Instant::now();
+            potentials::write(&StoredVentricle::read(&organ.ventricle)?, &conduction, length, context)?;
+            counters.insert("seconds_potentials".to_owned(), begun.elapsed().as_secs_f64());
+        }
         counters.insert("newton_iterations_per_step".to_owned(), {
             result.work.n_iterations as f64 / result.work.n_steps.max(1) as f64
         });
@@ -222,7 +227,7 @@ pub(super) fn assemble(spec: &OrganBeatSpec, organ: &FiniteElementOrgan, threads
         .collect();
     let equations = spec.finite_element.unwrap_or_else(|| FiniteElementSettings::default().equations());
     let n_ranks = usable(threads, wall::element(stored.about.element), &equations);
-    let EquationSettings { tolerance, linear_solver } = equations;
+    let EquationSettings { tolerance, linear_solver, .. } = equations;
     let of_ventricle = VentricleParts {
         anatomy: &restored.anatomy,
         wall: &restored.wall,

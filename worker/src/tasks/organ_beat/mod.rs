@@ -4,6 +4,7 @@
 //! on leaves its traces up to there.
 
 mod finite_element;
+mod potentials;
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;

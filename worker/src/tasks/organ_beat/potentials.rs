@@ -1,0 +1,68 @@
+//! Transmembrane potentials of a finite-element ventricle over a cycle: the eikonal's activation, diffusion, Luo-Rudy membrane.
+//!
+//! Artefacts: `vm.igb` (`potentials`), millivolts of all nodes each millisecond in openCARP's format, not-a-number where nothing
+//! conducts; `vm.csv` (`potential-traces`), their median and quartiles.
+
+use std::fmt::Write as _;
+
+use cardiotwin_electrophysiology::luo_rudy1991::paced::rest;
+use cardiotwin_electrophysiology::{ReactionEikonal, Settings, Tissue};
+use cardiotwin_mesh::eikonal::Speeds;
+use cardiotwin_mesh::tags;
+use cardiotwin_schemas::finite_element::ConductionSettings;
+
+use crate::context::Context;
+use crate::error::TaskError;
+use crate::finite_element::{FiniteElementError, StoredVentricle};
+
+/// Bytes of an `.igb` header.
+const HEADER: usize = 1024;
+
+/// Computes and writes the potentials of one cycle.
+///
+/// # Errors
+/// [`TaskError`] when the model fails, files cannot be written, or an end is asked for.
+pub(super) fn write(
+    stored: &StoredVentricle,
+    conduction: &ConductionSettings,
+    cycle_length_ms: f64,
+    context: &mut Context,
+) -> Result<(), TaskError> {
+    let failed = |error| TaskError::FiniteElement(FiniteElementError::Potentials(error));
+    let across = conduction.across_m_per_s;
+    let tissue = Tissue::matching(&Speeds { fibre: conduction.along_m_per_s, sheet: across, normal: across });
+    let settings = Settings::default();
+    let start = rest(&settings.membrane);
+    let muscle = [tags::LEFT_VENTRICLE];
+    let mut model = ReactionEikonal::new(&stored.mesh, &muscle, &stored.activation_ms, &tissue, &start, &settings)
+        .map_err(failed)?;
+    let n_frames = cycle_length_ms.floor() as usize + 1;
+    let mut igb = header(stored.mesh.n_nodes(), n_frames, cycle_length_ms.floor());
+    let mut csv = "time_ms,median_mV,lower_quartile_mV,upper_quartile_mV\n".to_owned();
+    for frame in 0..n_frames {
+        context.check_stop()?;
+        let t_ms = frame as f64;
+        model.advance_to(t_ms).map_err(failed)?;
+        let potential = model.potential_mv();
+        igb.extend(potential.iter().flat_map(|v| (*v as f32).to_le_bytes()));
+        let mut sorted: Vec<f64> = potential.into_iter().filter(|v| v.is_finite()).collect();
+        sorted.sort_by(f64::total_cmp);
+        let at = |share: f64| sorted[(share * (sorted.len() - 1) as f64).round() as usize];
+        let _ = writeln!(csv, "{t_ms},{:.3},{:.3},{:.3}", at(0.5), at(0.25), at(0.75));
+        context.progress.report("potentials", t_ms, Some(cycle_length_ms), || format!("{t_ms:.0} ms"));
+    }
+    context.artefacts.write_bytes("potentials", "vm.igb", &igb)?;
+    context.artefacts.write("potential-traces", "vm.csv", &csv)
+}
+
+/// Header of an `.igb` file of single-precision numbers, one frame a millisecond.
+fn header(n_nodes: usize, n_frames: usize, length_ms: f64) -> Vec<u8> {
+    let text = format!(
+        "x:{n_nodes} y:1 z:1 t:{n_frames} type:float systeme:little_endian \r\n\
+         org_t:0 dim_t:{length_ms} fac_t:1 unites_x:um unites_y:um unites_z:um unites_t:ms unites:mV facteur:1 zero:0 \r\n"
+    );
+    let mut bytes = text.into_bytes();
+    bytes.resize(HEADER - 1, b' ');
+    bytes.push(0x0c);
+    bytes
+}
