@@ -75,13 +75,12 @@ impl Lease {
             }
             let generation = highest + 1;
             let expires_ms = now_ms + HOLDS_MS;
-            let lease = Self {
-                text: Text { holder: holder.clone(), generation, expires_ms, released: false },
-                folder: folder.clone(),
-            };
             let path = file(&folder, generation);
             match fs::File::options().write(true).create_new(true).open(&path) {
                 Ok(mut created) => {
+                    // Not before: a lease that is dropped marks its generation's file as released.
+                    let text = Text { holder: holder.clone(), generation, expires_ms, released: false };
+                    let lease = Self { text, folder: folder.clone() };
                     created.write_all(&lease.json()).and_then(|()| created.sync_all()).map_err(io(&path))?;
                     lease.forget_older();
                     return Ok(lease);
@@ -219,9 +218,9 @@ mod tests {
     #[test]
     fn of_many_one_gets_it() {
         let dir = tempfile::tempdir().unwrap();
-        let barrier = std::sync::Barrier::new(8);
+        let barrier = std::sync::Barrier::new(32);
         let held: Vec<_> = std::thread::scope(|scope| {
-            let threads: Vec<_> = (0..8)
+            let threads: Vec<_> = (0..32)
                 .map(|pid| {
                     let (barrier, path) = (&barrier, dir.path());
                     scope.spawn(move || {
