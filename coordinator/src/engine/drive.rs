@@ -394,15 +394,7 @@ impl<E: Executor> Drive<E> {
             wall_s,
             ..RunSummary::default()
         };
-        for patient in self.world.patients.iter().filter(|p| p.selected) {
-            summary.patients += 1;
-            match &patient.row.state {
-                Patient::Done => summary.done += 1,
-                Patient::Failed { .. } => summary.failed += 1,
-                Patient::Cancelled { .. } => summary.cancelled += 1,
-                _ => summary.unfinished += 1,
-            }
-        }
+        summary.count(self.world.selected_states());
         summary
     }
 }

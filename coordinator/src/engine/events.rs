@@ -4,6 +4,8 @@ use cardiotwin_schemas::failure::Failure;
 use cardiotwin_schemas::ids::PatientId;
 use cardiotwin_schemas::record::Step1Summary;
 
+use crate::machine::patient::Patient;
+
 /// Where events go; the engine never waits for a reader, and goes on when there is none.
 pub type EventSender = tokio::sync::mpsc::UnboundedSender<EngineEvent>;
 
@@ -136,6 +138,19 @@ pub struct RunSummary {
 }
 
 impl RunSummary {
+    /// Counts patients by what became of them.
+    pub(super) fn count<'a>(&mut self, patients: impl Iterator<Item = &'a Patient>) {
+        for state in patients {
+            self.patients += 1;
+            match state {
+                Patient::Done => self.done += 1,
+                Patient::Failed { .. } => self.failed += 1,
+                Patient::Cancelled { .. } => self.cancelled += 1,
+                _ => self.unfinished += 1,
+            }
+        }
+    }
+
     /// Whether the run goes on without this process.
     #[must_use]
     pub fn on_cluster(&self) -> bool {

@@ -60,6 +60,11 @@ pub(super) fn attempt_directory(attempt: &AttemptId) -> String {
 }
 
 impl World {
+    /// States of the patients that are worked on.
+    pub fn selected_states(&self) -> impl Iterator<Item = &Patient> {
+        self.patients.iter().filter(|p| p.selected).map(|p| &p.row.state)
+    }
+
     /// From what the store holds.
     pub fn new(run_dir: &Path, loaded: Loaded, now_ms: i64) -> Result<Self, EngineError> {
         let mut steps = loaded.steps;

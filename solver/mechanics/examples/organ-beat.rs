@@ -18,11 +18,10 @@ use cardiotwin_mesh::fibres::{Angles, Longitudinal, fields, frames};
 use cardiotwin_mesh::order::Renumbering;
 use cardiotwin_mesh::tags;
 use cardiotwin_models::beat::{BeatOutcome, BeatSettings, run_beats};
-use cardiotwin_models::circulation::windkessel::WindkesselParameters;
-use cardiotwin_models::circulation::{LeftHeart, StartPressure};
+use cardiotwin_models::circulation::LeftHeart;
 use cardiotwin_models::contraction::{Tanh, TanhParameters};
 use cardiotwin_models::ventricle::GroupContraction;
-use cardiotwin_units::{MMHG_PER_KPA, Ml, MlPerMmhg, Mmhg, MmhgSPerMl, Ms};
+use cardiotwin_units::{MMHG_PER_KPA, Ml, Mmhg, Ms};
 
 /// Seconds of processor time so far: what a busy machine changes little; zero where the system does not tell.
 fn processor_seconds() -> f64 {
@@ -106,20 +105,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     );
     let (begun, processor) = (Instant::now(), processor_seconds());
     let cycle_length = Ms(argument("end", 659.0));
-    let heart = LeftHeart {
-        left_atrial_pressure: Mmhg(9.0),
-        mitral_forward: LeftHeart::FORWARD,
-        mitral_backward: LeftHeart::BACKWARD,
-        aortic_forward: LeftHeart::FORWARD,
-        aortic_backward: LeftHeart::BACKWARD,
-        windkessel: WindkesselParameters {
-            characteristic_resistance: MmhgSPerMl(0.05),
-            peripheral_resistance: MmhgSPerMl(0.9),
-            compliance: MlPerMmhg(1.6),
-        },
-        start: StartPressure::DiastolicCuff(Mmhg(70.0)),
-        cycle_length,
-    };
+    let heart = LeftHeart::of_an_adult(Mmhg(9.0), cycle_length);
     let tanh = TanhParameters { smax_ref_kpa: argument("smax", 100.0), t_cr_ms: 400.0, ..TanhParameters::default() };
     let mut circulation = heart.build()?;
     let mut ventricle = FiniteElementVentricle::new(VentricleParts {

@@ -18,6 +18,14 @@ use cardiotwin_models::ventricle::{GroupContraction, Ventricle, VentricleError};
 use cardiotwin_units::Ms;
 use support::{MUSCLE, circulation, heart};
 
+/// Diastasis and end-diastole of a heart of 112 mL, and what it holds without pressure.
+const THREE_POINTS: PassiveFit = PassiveFit::ThreePoints {
+    image_pressure_kpa: 0.8,
+    end_diastolic_pressure_kpa: 1.6,
+    end_diastolic_volume_mm3: 126e3,
+    unloaded_volume_mm3: 70e3,
+};
+
 fn search() -> Search<'static> {
     Search::new(UnloadingSettings::default())
 }
@@ -94,19 +102,13 @@ fn multigrid_finds_what_the_factorisation_finds() {
 fn whoever_watches_a_fit_can_end_it() {
     let (mesh, _) = heart();
     let anatomy = Anatomy::of(&mesh, &MUSCLE, ElementKind::LINEAR_NODAL).expect("an anatomy");
-    let target = PassiveFit::ThreePoints {
-        image_pressure_kpa: 0.8,
-        end_diastolic_pressure_kpa: 1.6,
-        end_diastolic_volume_mm3: 126e3,
-        unloaded_volume_mm3: 70e3,
-    };
     let mut asked = 0;
     let mut watch = |_: &SearchProgress| {
         asked += 1;
         if asked < 12 { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
     };
     let mut search = Search::watched(UnloadingSettings::default(), &mut watch);
-    let ended = fit(&anatomy, &WallParameters::default(), &target, None, &mut search);
+    let ended = fit(&anatomy, &WallParameters::default(), &THREE_POINTS, None, &mut search);
     assert!(matches!(ended, Err(PassiveStateError::Stopped)), "{ended:?}");
     assert_eq!(asked, 12);
 }
@@ -115,13 +117,8 @@ fn whoever_watches_a_fit_can_end_it() {
 fn stiffness_and_unloaded_state_meet_image_and_end_diastole() {
     let (mesh, _) = heart();
     let anatomy = Anatomy::of(&mesh, &MUSCLE, ElementKind::LINEAR_NODAL).expect("an anatomy");
-    let target = PassiveFit::ThreePoints {
-        image_pressure_kpa: 0.8,
-        end_diastolic_pressure_kpa: 1.6,
-        end_diastolic_volume_mm3: 126e3,
-        unloaded_volume_mm3: 70e3,
-    };
-    let mut fitted = fit(&anatomy, &WallParameters::default(), &target, None, &mut search()).expect("a passive state");
+    let mut fitted =
+        fit(&anatomy, &WallParameters::default(), &THREE_POINTS, None, &mut search()).expect("a passive state");
     let Fitted { state, wall, .. } = &fitted;
     assert!((state.volume_mm3() / 126e3 - 1.0).abs() < 1e-3, "{} mm³", state.volume_mm3());
     assert!((state.unloaded_volume_mm3() / 70e3 - 1.0).abs() < 0.01, "{} mm³", state.unloaded_volume_mm3());

@@ -17,11 +17,10 @@ use cardiotwin_mesh::fibres::{Angles, Longitudinal, fields, frames};
 use cardiotwin_mesh::order::Renumbering;
 use cardiotwin_mesh::tags;
 use cardiotwin_models::beat::{BeatOutcome, BeatSettings, BeatTraces, run_observed};
-use cardiotwin_models::circulation::windkessel::WindkesselParameters;
-use cardiotwin_models::circulation::{Circulation, LeftHeart, StartPressure};
+use cardiotwin_models::circulation::{Circulation, LeftHeart};
 use cardiotwin_models::contraction::{Tanh, TanhParameters};
 use cardiotwin_models::ventricle::GroupContraction;
-use cardiotwin_units::{MMHG_PER_KPA, Ml, MlPerMmhg, Mmhg, MmhgSPerMl, Ms};
+use cardiotwin_units::{MMHG_PER_KPA, Ml, Mmhg, Ms};
 use serde::Serialize;
 
 use super::{processor, triad::triad_gb_per_s};
@@ -197,20 +196,7 @@ fn heart(nodes: usize) -> Result<(TetMesh, Vec<f64>), BenchError> {
 }
 
 fn circulation(cycle_length: Ms) -> Result<Circulation, BenchError> {
-    let heart = LeftHeart {
-        left_atrial_pressure: Mmhg(9.0),
-        mitral_forward: LeftHeart::FORWARD,
-        mitral_backward: LeftHeart::BACKWARD,
-        aortic_forward: LeftHeart::FORWARD,
-        aortic_backward: LeftHeart::BACKWARD,
-        windkessel: WindkesselParameters {
-            characteristic_resistance: MmhgSPerMl(0.05),
-            peripheral_resistance: MmhgSPerMl(0.9),
-            compliance: MlPerMmhg(1.6),
-        },
-        start: StartPressure::DiastolicCuff(Mmhg(70.0)),
-        cycle_length,
-    };
+    let heart = LeftHeart::of_an_adult(Mmhg(9.0), cycle_length);
     heart.build().map_err(failed("no circulation"))
 }
 

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use cardiotwin_mechanics::element::batch::Frame;
 use cardiotwin_mechanics::prescribed::{Course, EllipsoidFibres, Problem, SurfaceSupport};
 use cardiotwin_mesh::fibres::{Angles, Longitudinal, fields, frames};
-use cardiotwin_mesh::files::{carp, gmsh, vtu};
+use cardiotwin_mesh::files;
 use cardiotwin_mesh::refine::halve_edges;
 use cardiotwin_mesh::tet_mesh::{shape_gradients, surface_names};
 use cardiotwin_mesh::{LengthUnit, TetMesh, laplace};
@@ -153,14 +153,8 @@ fn read_mesh(file: &Path, parsed: &BenchmarkFile) -> Result<TetMesh, BenchmarkEr
         )
     })?;
     let path: PathBuf = file.parent().unwrap_or(Path::new("")).join(&parsed.mesh.file);
-    let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default();
-    let mesh = match extension {
-        "vtu" => vtu::read(&path, unit).map(|grid| grid.mesh),
-        "msh" => gmsh::read(&path, unit),
-        _ => carp::read(&path, unit),
-    };
+    let mesh = files::read(&path, unit);
     let mut mesh = mesh.map_err(|source| BenchmarkError::Mesh { file: file.to_owned(), source })?;
-    mesh.orient_if_all_negative();
     if parsed.mesh.refine > MOST_HALVINGS {
         let expected = format!("at most {MOST_HALVINGS}: each makes eight elements of one");
         return Err(BenchmarkError::key(file, "mesh.refine", parsed.mesh.refine.to_string(), expected));

@@ -3,12 +3,12 @@
 use clap::Args;
 use serde::Serialize;
 
-use super::run::{load, on_cluster};
+use super::run::{load_for_cluster, on_cluster};
 use crate::cli::error::CliError;
 use crate::cli::exit::Exit;
 use crate::cli::place::Place;
 use crate::cli::talk::{Talk, count};
-use crate::engine::{self, RunOptions, RunSummary, StopSignal};
+use crate::engine::{self, RunSummary, StopSignal};
 
 /// Bring a run on a cluster one step on: take up what jobs have done, decide, submit what follows, and end
 #[derive(Debug, Args)]
@@ -49,20 +49,7 @@ struct Tick {
 /// As `run`'s.
 pub async fn execute(args: &AdvanceArgs, talk: &Talk) -> Result<Exit, CliError> {
     let folders = args.place.folders();
-    let mut set = vec!["executor.kind=slurm".to_owned()];
-    set.extend(args.set.iter().cloned());
-    let cohort = load(&folders, &set, &[], talk)?;
-    let options = RunOptions {
-        run_dir: folders.run.clone(),
-        cohort_name: cohort.name.clone(),
-        description: cohort.description.clone(),
-        cohort_dir: cohort.directory.clone(),
-        patients: Some(cohort.plans()),
-        only: Vec::new(),
-        executor: cohort.settings.settings.executor.clone(),
-        worker: args.worker.clone(),
-        watch: false,
-    };
+    let options = load_for_cluster(&folders, &args.set, args.worker.as_deref(), talk)?;
     let stop =
         StopSignal::from_signals().map_err(|source| CliError::Io { what: "cannot listen to signals", source })?;
     let (events, _) = tokio::sync::mpsc::unbounded_channel();

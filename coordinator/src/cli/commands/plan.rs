@@ -4,13 +4,13 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use super::run::load;
+use super::run::load_for_cluster;
 use crate::cli::error::CliError;
 use crate::cli::exit::Exit;
 use crate::cli::place::Place;
 use crate::cli::table::{Columns, duration};
 use crate::cli::talk::{Talk, count};
-use crate::engine::{self, PlannedRun, RunOptions};
+use crate::engine::{self, PlannedRun};
 
 /// Which jobs a run on a cluster would submit, what they cost, and when they may end; submits nothing
 #[derive(Debug, Args)]
@@ -37,20 +37,7 @@ pub struct PlanArgs {
 /// As `run`'s.
 pub async fn execute(args: &PlanArgs, talk: &Talk) -> Result<Exit, CliError> {
     let folders = args.place.folders();
-    let mut set = vec!["executor.kind=slurm".to_owned()];
-    set.extend(args.set.iter().cloned());
-    let cohort = load(&folders, &set, &[], talk)?;
-    let options = RunOptions {
-        run_dir: folders.run.clone(),
-        cohort_name: cohort.name.clone(),
-        description: cohort.description.clone(),
-        cohort_dir: cohort.directory.clone(),
-        patients: Some(cohort.plans()),
-        only: Vec::new(),
-        executor: cohort.settings.settings.executor.clone(),
-        worker: args.worker.clone(),
-        watch: false,
-    };
+    let options = load_for_cluster(&folders, &args.set, args.worker.as_deref(), talk)?;
     let program = std::env::current_exe().map_err(CliError::file("find", "this program"))?;
     let plan = engine::preview(&options, &program).await?;
     if args.json {

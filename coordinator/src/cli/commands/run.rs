@@ -1,7 +1,7 @@
 //! `cardiotwin run`: drives a cohort to its end; again, it goes on.
 
 use std::collections::BTreeMap;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use cardiotwin_schemas::ids::PatientId;
@@ -92,15 +92,9 @@ pub async fn execute(args: &RunArgs, talk: &Talk) -> Result<Exit, CliError> {
         talk.say(&said);
     }
     let options = RunOptions {
-        run_dir: folders.run.clone(),
-        cohort_name: cohort.name.clone(),
-        description: cohort.description.clone(),
-        cohort_dir: cohort.directory.clone(),
-        patients: Some(cohort.plans()),
         only: args.patients.iter().map(|id| PatientId(id.clone())).collect(),
-        executor: cohort.settings.settings.executor.clone(),
-        worker: args.worker.clone(),
         watch: args.watch,
+        ..of_cohort(&cohort, &folders, args.worker.as_deref())
     };
     let stop =
         StopSignal::from_signals().map_err(|source| CliError::Io { what: "cannot listen to signals", source })?;
@@ -127,8 +121,34 @@ impl RunArgs {
     }
 }
 
+/// A run of all of a cohort, that ends with the first tick on a cluster.
+fn of_cohort(cohort: &Cohort, folders: &Folders, worker: Option<&Path>) -> RunOptions {
+    RunOptions {
+        run_dir: folders.run.clone(),
+        cohort_name: cohort.name.clone(),
+        description: cohort.description.clone(),
+        cohort_dir: cohort.directory.clone(),
+        patients: Some(cohort.plans()),
+        only: Vec::new(),
+        executor: cohort.settings.settings.executor.clone(),
+        worker: worker.map(Path::to_owned),
+        watch: false,
+    }
+}
+
+/// The cohort of a run on a cluster, whatever its settings say of where it runs.
+pub(super) fn load_for_cluster(
+    folders: &Folders,
+    set: &[String],
+    worker: Option<&Path>,
+    talk: &Talk,
+) -> Result<RunOptions, CliError> {
+    let set: Vec<String> = std::iter::once("executor.kind=slurm".to_owned()).chain(set.iter().cloned()).collect();
+    Ok(of_cohort(&load(folders, &set, &[], talk)?, folders, worker))
+}
+
 /// The cohort, or all its problems; with the patients that are to be worked on, if not all.
-pub(super) fn load(folders: &Folders, set: &[String], only: &[String], talk: &Talk) -> Result<Cohort, CliError> {
+fn load(folders: &Folders, set: &[String], only: &[String], talk: &Talk) -> Result<Cohort, CliError> {
     let Some(directory) = &folders.cohort else {
         let run = folders.run.display();
         let message = format!("{run} is a run: name its cohort, and the run with --run-dir {run}");

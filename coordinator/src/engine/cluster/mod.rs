@@ -34,7 +34,6 @@ use super::{EngineError, EventSender, RunSummary, StopLevel, StopSignal, request
 use crate::clock;
 use crate::dispatch::slurm::Scheduler;
 use crate::machine::cluster_job::Element;
-use crate::machine::patient::Patient;
 use crate::store::Writer;
 pub use crate::store::cluster_jobs::{ClusterReport, REPORT};
 
@@ -228,15 +227,7 @@ impl<S: Scheduler> Cluster<S> {
             jobs: self.world.jobs.rows.values().map(|row| row.spec.elements.len()).sum(),
             ..RunSummary::default()
         };
-        for patient in self.world.patients.iter().filter(|p| p.selected) {
-            summary.patients += 1;
-            match &patient.row.state {
-                Patient::Done => summary.done += 1,
-                Patient::Failed { .. } => summary.failed += 1,
-                Patient::Cancelled { .. } => summary.cancelled += 1,
-                _ => summary.unfinished += 1,
-            }
-        }
+        summary.count(self.world.selected_states());
         summary
     }
 }

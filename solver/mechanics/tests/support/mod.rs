@@ -4,9 +4,8 @@ use cardiotwin_mesh::eikonal::{Conduction, ENDOCARDIAL_SPEED, Speeds, activation
 use cardiotwin_mesh::ellipsoid::{EllipsoidSpec, generate};
 use cardiotwin_mesh::fibres::{Angles, Longitudinal, fields, frames};
 use cardiotwin_mesh::{TetMesh, tags};
-use cardiotwin_models::circulation::windkessel::WindkesselParameters;
-use cardiotwin_models::circulation::{Circulation, LeftHeart, StartPressure};
-use cardiotwin_units::{Ml, MlPerMmhg, Mmhg, MmhgSPerMl, Ms};
+use cardiotwin_models::circulation::{Circulation, LeftHeart};
+use cardiotwin_units::{Ml, Mmhg, Ms};
 
 /// Tags that contract.
 pub const MUSCLE: [i32; 1] = [tags::LEFT_VENTRICLE];
@@ -31,19 +30,6 @@ pub fn heart() -> (TetMesh, Vec<f64>) {
 
 /// A left heart with a cycle of 660 ms.
 pub fn circulation() -> Circulation {
-    let heart = LeftHeart {
-        left_atrial_pressure: Mmhg(9.0),
-        mitral_forward: LeftHeart::FORWARD,
-        mitral_backward: LeftHeart::BACKWARD,
-        aortic_forward: LeftHeart::FORWARD,
-        aortic_backward: LeftHeart::BACKWARD,
-        windkessel: WindkesselParameters {
-            characteristic_resistance: MmhgSPerMl(0.05),
-            peripheral_resistance: MmhgSPerMl(0.9),
-            compliance: MlPerMmhg(1.6),
-        },
-        start: StartPressure::DiastolicCuff(Mmhg(70.0)),
-        cycle_length: Ms(660.0),
-    };
+    let heart = LeftHeart::of_an_adult(Mmhg(9.0), Ms(660.0));
     heart.build().expect("a circulation")
 }

@@ -11,3 +11,21 @@ pub mod vtu;
 
 pub use error::MeshFileError;
 pub use unit::LengthUnit;
+
+use std::path::Path;
+
+use crate::tet_mesh::TetMesh;
+
+/// Reads a `.vtu` or `.msh` file, or CARP files of a stem; elements that are all the wrong way round are turned.
+///
+/// # Errors
+/// [`MeshFileError`] with file and line.
+pub fn read(path: &Path, unit: LengthUnit) -> Result<TetMesh, MeshFileError> {
+    let mut mesh = match path.extension().and_then(|e| e.to_str()) {
+        Some("vtu") => vtu::read(path, unit)?.mesh,
+        Some("msh") => gmsh::read(path, unit)?,
+        _ => carp::read(path, unit)?,
+    };
+    mesh.orient_if_all_negative();
+    Ok(mesh)
+}

@@ -2,7 +2,7 @@
 
 use super::windkessel::WindkesselParameters;
 use super::{Circulation, CirculationError, ConstantPressure, DiodeValve, Direction, Windkessel3};
-use cardiotwin_units::{Ml, Mmhg, MmhgSPerMl, Ms};
+use cardiotwin_units::{Ml, MlPerMmhg, Mmhg, MmhgSPerMl, Ms};
 use serde::{Deserialize, Serialize};
 
 /// Name of the atrial compartment.
@@ -51,6 +51,25 @@ impl LeftHeart {
     /// Backward resistance (same place).
     pub const BACKWARD: MmhgSPerMl = MmhgSPerMl(1000.0);
 
+    /// An adult's at rest, round numbers of ours: for benchmarks, examples and tests, which have no patient.
+    #[must_use]
+    pub fn of_an_adult(left_atrial_pressure: Mmhg, cycle_length: Ms) -> Self {
+        Self {
+            left_atrial_pressure,
+            mitral_forward: Self::FORWARD,
+            mitral_backward: Self::BACKWARD,
+            aortic_forward: Self::FORWARD,
+            aortic_backward: Self::BACKWARD,
+            windkessel: WindkesselParameters {
+                characteristic_resistance: MmhgSPerMl(0.05),
+                peripheral_resistance: MmhgSPerMl(0.9),
+                compliance: MlPerMmhg(1.6),
+            },
+            start: StartPressure::DiastolicCuff(Mmhg(70.0)),
+            cycle_length,
+        }
+    }
+
     /// Pressure on the arterial compliance at the start.
     #[must_use]
     pub fn start_pressure(&self) -> Mmhg {
@@ -89,24 +108,11 @@ impl LeftHeart {
 mod tests {
     use super::*;
     use crate::circulation::FlowPath;
-    use cardiotwin_units::MlPerMmhg;
+
     use proptest::prelude::*;
 
     pub(crate) fn heart() -> LeftHeart {
-        LeftHeart {
-            left_atrial_pressure: Mmhg(7.0),
-            mitral_forward: LeftHeart::FORWARD,
-            mitral_backward: LeftHeart::BACKWARD,
-            aortic_forward: LeftHeart::FORWARD,
-            aortic_backward: LeftHeart::BACKWARD,
-            windkessel: WindkesselParameters {
-                characteristic_resistance: MmhgSPerMl(0.05),
-                peripheral_resistance: MmhgSPerMl(0.9),
-                compliance: MlPerMmhg(1.6),
-            },
-            start: StartPressure::DiastolicCuff(Mmhg(70.0)),
-            cycle_length: Ms(800.0),
-        }
+        LeftHeart::of_an_adult(Mmhg(7.0), Ms(800.0))
     }
 
     #[test]

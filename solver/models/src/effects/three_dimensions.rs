@@ -104,26 +104,13 @@ fn fibre_viscosity(mmhg_s_per_ml: f64, shortening_share: f64, reference: &OneFib
 mod tests {
     use super::super::{CATALOGUE, Kind};
     use super::*;
-    use crate::circulation::windkessel::WindkesselParameters;
-    use crate::circulation::{LeftHeart, StartPressure};
+
+    use crate::circulation::LeftHeart;
     use crate::contraction::{Tanh, TanhParameters};
-    use cardiotwin_units::{Ml, MlPerMmhg, Mmhg, MmhgSPerMl, Ms};
+    use cardiotwin_units::{Ml, Mmhg, Ms};
 
     fn surroundings() -> Surroundings {
-        let heart = LeftHeart {
-            left_atrial_pressure: Mmhg(7.0),
-            mitral_forward: LeftHeart::FORWARD,
-            mitral_backward: LeftHeart::BACKWARD,
-            aortic_forward: LeftHeart::FORWARD,
-            aortic_backward: LeftHeart::BACKWARD,
-            windkessel: WindkesselParameters {
-                characteristic_resistance: MmhgSPerMl(0.05),
-                peripheral_resistance: MmhgSPerMl(0.9),
-                compliance: MlPerMmhg(1.6),
-            },
-            start: StartPressure::DiastolicCuff(Mmhg(70.0)),
-            cycle_length: Ms(800.0),
-        };
+        let heart = LeftHeart::of_an_adult(Mmhg(7.0), Ms(800.0));
         Surroundings { heart, onset: Ms(5.0) }
     }
 

@@ -246,7 +246,7 @@ fn build(
     wall_ml: f64,
     of_effects: f64,
     target: &Target,
-    (given, own): (bool, Option<Taken>),
+    (given, mut own): (bool, Option<Taken>),
     context: &mut Context,
 ) -> Result<Built, TaskError> {
     let goal = target.fit(given);
@@ -266,7 +266,6 @@ fn build(
         smaller *= 8;
     }
     sizes.push(last);
-    let mut own = own;
     let mut slope = None;
     for n_nodes in sizes {
         context.check_stop()?;

@@ -2,7 +2,7 @@
 
 use cardiotwin_mesh::checks::{Expected, check};
 use cardiotwin_mesh::eikonal::Site;
-use cardiotwin_mesh::files::{LengthUnit, MeshFileError, carp, gmsh, node_values, vtu};
+use cardiotwin_mesh::files::{self, LengthUnit, MeshFileError, node_values};
 use cardiotwin_mesh::find_surfaces::find_surfaces;
 use cardiotwin_mesh::order::Renumbering;
 use cardiotwin_mesh::tags;
@@ -48,12 +48,9 @@ pub(super) fn take(own: &OwnMesh, measured_ml: f64) -> Result<Taken, TaskError> 
         refused(format!("unit {:?}, expected one of {}", own.unit, known.join(", ")))
     })?;
     let unreadable = |error: MeshFileError| refused(error.to_string());
-    let mut mesh = match first.path.extension().and_then(|e| e.to_str()) {
-        Some("vtu") => vtu::read(&first.path, unit).map_err(unreadable)?.mesh,
-        Some("msh") => gmsh::read(&first.path, unit).map_err(unreadable)?,
-        _ => carp::read(&first.path.with_extension(""), unit).map_err(unreadable)?,
-    };
-    mesh.orient_if_all_negative();
+    let of_carp = first.path.extension().is_some_and(|e| e == "pts");
+    let named = if of_carp { first.path.with_extension("") } else { first.path.clone() };
+    let mut mesh = files::read(&named, unit).map_err(unreadable)?;
     if NEEDED.iter().any(|name| mesh.surface(name).is_none()) {
         let found = find_surfaces(&mesh).map_err(|error| refused(error.to_string()))?;
         mesh.surfaces.retain(|s| s.name == surface_names::SEPTUM);
