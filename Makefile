@@ -12,7 +12,10 @@ BIN := $(if $(CARGO_TARGET_DIR),$(CARGO_TARGET_DIR),target)/release
 # The whole workspace is always selected, so that demo, tests and benchmarks share one set of compiled dependencies.
 BUILD := $(CARGO) build --release --locked --workspace --bins
 
-.PHONY: help deps deps-demo build demo test bench work-precision evaluate-discover afterload verify clean-run
+# The worker on MPI ranks is the one thing that needs an MPI, and is left out where there is none.
+BUILD_MPI := $(CARGO) build --release --locked --package cardiotwin-worker --features mpi --bin cardiotwin-worker-mpi
+
+.PHONY: help deps deps-demo build test-mpich demo test bench work-precision evaluate-discover afterload verify clean-run
 
 help: ## print this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "  make %-18s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -23,8 +26,9 @@ deps: ## install what build and tests need and this machine lacks (Debian, with 
 deps-demo:
 	@deploy/deps.sh demo
 
-build: ## build the coordinator (cardiotwin) and the worker (cardiotwin-worker) in release
+build: ## build the coordinator (cardiotwin) and the worker (cardiotwin-worker) in release; cardiotwin-worker-mpi where an MPI is found
 	$(BUILD)
+	@if missing=$$(deploy/mpi-found.sh); then $(BUILD_MPI); else echo "cardiotwin-worker-mpi is not built: $$missing"; fi
 
 demo: deps-demo build ## find a hidden effect, personalise the bundled seven-patient cohort; ends with a table and the report's path
 	@# Kept beside the cohort, so that the cohort's report shows it.
@@ -33,6 +37,11 @@ demo: deps-demo build ## find a hidden effect, personalise the bundled seven-pat
 
 test: ## set up what is missing, then pass every check and test; prints how long each part took
 	@.ci/parts.sh
+
+MPICH_TARGET := $(if $(CARGO_TARGET_DIR),$(CARGO_TARGET_DIR),target)/mpich
+test-mpich: ## build the worker with MPICH beside Open MPI, and pass its tests on MPICH's ranks (minutes; Debian: mpich libmpich-dev)
+	MPICC=mpicc.mpich CARDIOTWIN_MPIRUN=mpirun.mpich CARGO_TARGET_DIR=$(MPICH_TARGET) \
+		$(CARGO) test --release --locked --package cardiotwin-worker --features mpi --test mpi
 
 bench: build ## measure the figures of docs/benchmarks.md on this machine (minutes)
 	$(CARGO) bench --locked --workspace

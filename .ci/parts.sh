@@ -80,12 +80,22 @@ part "build the tests" "$CARGO" test --release --locked --workspace --no-run
 
 part "unit tests, JSON Schemas are current" "$CARGO" test --release --locked --workspace --lib --bins -q
 part "documentation's examples" "$CARGO" test --release --locked --workspace --doc -q
-for target in $(integration_targets | sort -u); do
+for target in $(integration_targets | sort -u | grep -vx mpi); do
     part "tests: $target" "$CARGO" test --release --locked --workspace --test "$target" -q
 done
 
+# The worker on MPI ranks, where an MPI is found; MPICH's: `make test-mpich`.
+if missing=$(deploy/mpi-found.sh); then
+    part "tests: mpi" "$CARGO" test --release --locked --package cardiotwin-worker --features mpi --test mpi -q
+else
+    skipped "tests: mpi" "$missing"
+fi
+
 if $CARGO clippy --version >/dev/null 2>&1; then
     part "clippy, warnings are errors" "$CARGO" clippy --release --locked --workspace --all-targets -- -D warnings
+    if deploy/mpi-found.sh >/dev/null; then
+        part "clippy of the MPI worker" "$CARGO" clippy --release --locked --package cardiotwin-worker --features mpi --bin cardiotwin-worker-mpi --test mpi -- -D warnings
+    fi
 else
     skipped "clippy" "clippy is not installed"
 fi

@@ -52,6 +52,12 @@ impl Checkpoints {
         Self { own: Some(directory.to_owned()), earlier: vec![other.to_owned()], last_generation }
     }
 
+    /// In `directory`, from the beginning.
+    #[must_use]
+    pub fn writing(directory: &Path) -> Self {
+        Self { own: Some(directory.to_owned()), ..Self::default() }
+    }
+
     /// Nowhere: every task begins anew and leaves nothing.
     #[must_use]
     pub fn none() -> Self {

@@ -13,6 +13,7 @@ use crate::error::TaskError;
 use crate::files;
 use crate::progress::ProgressLog;
 use crate::stop::StopFlag;
+use crate::team::Team;
 
 /// Simulated time between two checkpoints of a beat where nothing else is asked for \[ms\].
 pub const CHECKPOINT_MS: f64 = 100.0;
@@ -26,6 +27,8 @@ pub struct Context {
     pub artefacts: Artefacts,
     /// Threads that may be used; results do not depend on it.
     pub threads: u32,
+    /// Ranks of other processes that help with a beat in 3D, instead of threads.
+    pub team: Option<Team>,
     /// Instructions of the cell engine.
     pub instruction_set: InstructionSet,
     /// Where reports go.
@@ -51,6 +54,7 @@ impl Context {
         Self {
             artefacts: Artefacts::in_directory(directory),
             threads,
+            team: None,
             instruction_set: InstructionSet::Auto,
             progress: ProgressLog::silent(),
             checkpoints: Checkpoints::none(),

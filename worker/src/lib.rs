@@ -25,3 +25,4 @@ pub mod run;
 pub mod step1;
 pub mod stop;
 pub mod tasks;
+pub mod team;

@@ -146,7 +146,7 @@ fn execute(command: Command) -> anyhow::Result<ExitCode> {
     match command {
         Command::Run { directory, quiet } => {
             log(if quiet { Level::WARN } else { Level::INFO });
-            run_attempt(&directory, &stop, !quiet)?;
+            run_attempt(&directory, None, &stop, !quiet)?;
         }
         Command::Simulate { spec, out, threads, instruction_set, vtu_every, restart, generation } => {
             log(Level::INFO);

@@ -9,6 +9,7 @@ use cardiotwin_schemas::SCHEMA_VERSION;
 use cardiotwin_schemas::failure::{Failure, FailureClass};
 use cardiotwin_schemas::ids::AttemptId;
 use cardiotwin_schemas::outcome::{Ending, TaskOutcome};
+use cardiotwin_schemas::provenance::Provenance;
 use cardiotwin_schemas::task::TaskSpec;
 
 use crate::attempt::{Attempt, AttemptError};
@@ -18,17 +19,19 @@ use crate::progress::ProgressLog;
 use crate::provenance::Beginning;
 use crate::stop::StopFlag;
 use crate::tasks::run_task;
+use crate::team::Team;
 
-/// Claims the attempt in `directory`, does its work and publishes the outcome.
+/// Claims the attempt in `directory`, does its work, a beat in 3D with the ranks of `team`, and publishes the outcome.
 ///
 /// # Errors
 /// [`AttemptError`] when nothing was published; a task that fails is no error but an outcome.
-pub fn run_attempt(directory: &Path, stop: &StopFlag, echo: bool) -> Result<Ending, AttemptError> {
+pub fn run_attempt(directory: &Path, team: Option<Team>, stop: &StopFlag, echo: bool) -> Result<Ending, AttemptError> {
     let beginning = Beginning::now();
     let attempt = Attempt::claim(directory)?;
     let mut context = Context {
         artefacts: Artefacts::in_directory(directory),
-        threads: attempt.spec.threads.max(1),
+        threads: if team.is_some() { 1 } else { attempt.spec.threads.max(1) },
+        team,
         instruction_set: attempt.spec.instruction_set,
         progress: ProgressLog::in_directory(directory, echo),
         checkpoints: Checkpoints::of_attempt(directory, &attempt.spec.attempt),
@@ -60,7 +63,8 @@ fn outcome(
     context: &mut Context,
     beginning: &Beginning,
 ) -> TaskOutcome {
-    let provenance = beginning.provenance(task, context.threads, context.instruction_set);
+    let ranks = context.team.as_ref().map_or(1, |team| team.n_ranks() as u32);
+    let provenance = Provenance { ranks, ..beginning.provenance(task, context.threads, context.instruction_set) };
     TaskOutcome { schema_version: SCHEMA_VERSION, attempt, ending, artefacts: context.artefacts.take(), provenance }
 }
 

@@ -86,7 +86,7 @@ fn a_fit_stopped_after_every_batch_ends_as_one_that_was_not() {
         if generation < 10 {
             stop.raise();
         }
-        match run_attempt(&directory, &stop, false).unwrap() {
+        match run_attempt(&directory, None, &stop, false).unwrap() {
             Ending::Cancelled => stopped += 1,
             ending => {
                 let convergence = fs::read_to_string(directory.join("convergence.csv")).unwrap();
@@ -104,7 +104,7 @@ fn a_damaged_checkpoint_costs_time_but_no_digits() {
     let first = attempt_directory(root.path(), &task, 1, 1);
     let stop = StopFlag::default();
     stop.raise();
-    assert_eq!(run_attempt(&first, &stop, false).unwrap(), Ending::Cancelled);
+    assert_eq!(run_attempt(&first, None, &stop, false).unwrap(), Ending::Cancelled);
     let file = first.join("checkpoint/told-costs");
     let mut bytes = fs::read(&file).unwrap();
     *bytes.last_mut().unwrap() ^= 1;

@@ -200,6 +200,16 @@ impl FiniteElementVentricle {
         }
     }
 
+    /// Whether a ventricle can be made of these parts on so many ranks, as far as can be told before it is: what all ranks
+    /// would find wrong.
+    ///
+    /// # Errors
+    /// As for [`Self::on_threads`].
+    pub fn check(parts: &VentricleParts<'_>, n_ranks: usize) -> Result<(), VentricleError> {
+        checked(parts)?;
+        parts_of(parts.anatomy, n_ranks).map(|_| ())
+    }
+
     /// Rank 0 of ranks that `comm` joins; the others call [`Self::serve`] with the same parts. Collective.
     ///
     /// # Errors

@@ -1,5 +1,7 @@
 //! The one interface of global operations, and its single-process implementation.
 
+use std::sync::Arc;
+
 use super::Layout;
 
 /// Global operations of a group of ranks. Each is collective: all ranks call it in the same order. Reductions give every
@@ -20,9 +22,14 @@ pub trait Communicator: std::fmt::Debug + Send + Sync {
     /// Replaces each value by that of rank 0.
     fn broadcast(&self, values: &mut [f64]);
 
-    /// As [`Self::broadcast`], of what rank 0 wants next: the other ranks wait for it as long as it takes.
+    /// As [`Self::broadcast`], of what rank 0 wants next: it may have work of its own before, such as writing files.
     fn command(&self, values: &mut [f64]) {
         self.broadcast(values);
+    }
+
+    /// As [`Self::command`], between tasks: the other ranks wait for it as long as it takes.
+    fn order(&self, values: &mut [f64]) {
+        self.command(values);
     }
 
     /// Copies owned values, `width` a node, to the ranks that hold them as ghosts.
@@ -33,6 +40,49 @@ pub trait Communicator: std::fmt::Debug + Send + Sync {
 
     /// What rank 0 has for this rank; `parts` holds, on rank 0, an entry for each rank, and is not looked at elsewhere.
     fn scatter(&self, parts: Vec<Vec<f64>>) -> Vec<f64>;
+}
+
+/// A communicator that several have.
+impl<C: Communicator + ?Sized> Communicator for Arc<C> {
+    fn rank(&self) -> usize {
+        (**self).rank()
+    }
+
+    fn n_ranks(&self) -> usize {
+        (**self).n_ranks()
+    }
+
+    fn sum(&self, values: &mut [f64]) {
+        (**self).sum(values);
+    }
+
+    fn max(&self, values: &mut [f64]) {
+        (**self).max(values);
+    }
+
+    fn broadcast(&self, values: &mut [f64]) {
+        (**self).broadcast(values);
+    }
+
+    fn command(&self, values: &mut [f64]) {
+        (**self).command(values);
+    }
+
+    fn order(&self, values: &mut [f64]) {
+        (**self).order(values);
+    }
+
+    fn update_ghosts(&self, layout: &Layout, width: usize, values: &mut [f64]) {
+        (**self).update_ghosts(layout, width, values);
+    }
+
+    fn gather(&self, values: &[f64]) -> Option<Vec<Vec<f64>>> {
+        (**self).gather(values)
+    }
+
+    fn scatter(&self, parts: Vec<Vec<f64>>) -> Vec<f64> {
+        (**self).scatter(parts)
+    }
 }
 
 /// One process that holds everything.

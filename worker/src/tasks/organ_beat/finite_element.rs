@@ -31,9 +31,12 @@ use crate::finite_element::checkpoint::{BeatCheckpoint, Due, FILE};
 use crate::finite_element::series::{self, Series};
 use crate::finite_element::shapes::Shapes;
 use crate::finite_element::{FiniteElementError, StoredVentricle, heart, wall};
+use crate::team::{Session, Team};
 
 /// Ventricle and circulation at their start.
 pub(super) struct Organ {
+    /// What other processes compute together with this one.
+    pub(super) session: Option<Session>,
     pub(super) ventricle: FiniteElementVentricle,
     pub(super) circulation: Circulation,
     /// Mesh of the image.
@@ -53,7 +56,8 @@ pub(super) fn run(
     context.progress.report("setting up", 0.0, None, || {
         format!("{} nodes, {} tetrahedra", organ.figures.nodes, organ.figures.elements)
     });
-    let Organ { mut ventricle, mut circulation, mesh } = assemble(spec, organ, context.threads)?;
+    // The session is dropped after the ventricle.
+    let Organ { session: _session, mut ventricle, mut circulation, mesh } = assemble(spec, organ, context)?;
     let seconds_setup = begun.elapsed().as_secs_f64();
     let begun = Instant::now();
     let length = spec.cycle_length_ms;
@@ -143,6 +147,10 @@ pub(super) fn run(
         if let Some(surface) = heart::surface(&drawn, &shapes, &result.traces) {
             context.artefacts.write_bytes("heart", "heart.json", heart::text(&surface).as_bytes())?;
         }
+    }
+    // What follows is rank 0's alone: the others need not wait for it.
+    drop(ventricle);
+    if let BeatOutcome::Finished(result) = &outcome {
         if let Some(conduction) = spec.finite_element.and_then(|equations| equations.potentials) {
             let begun = Instant::now();
             potentials::write(&StoredVentricle::read(&organ.ventricle)?, &conduction, length, context)?;
@@ -190,19 +198,63 @@ fn write(file: &Path, bytes: &[u8]) -> io::Result<()> {
     files::write_atomic(file, bytes)
 }
 
-/// Threads that a beat with these elements and equations can use.
-fn usable(threads: u32, kind: ElementKind, equations: &EquationSettings) -> usize {
-    let one_rank = kind.quadratic || wall::linear_solver(equations.linear_solver) != LinearSolver::BlockJacobi;
-    if one_rank { 1 } else { threads.max(1) as usize }
+/// Whether a beat with these elements and equations can be shared by several ranks.
+fn is_shared(kind: ElementKind, equations: &EquationSettings) -> bool {
+    !kind.quadratic && wall::linear_solver(equations.linear_solver) == LinearSolver::BlockJacobi
 }
 
-/// Ventricle and circulation of a specification with its effects, at their start, on so many threads where its elements and
-/// equations allow.
+/// Ventricle and circulation of a specification with its effects, at their start, on the context's team or threads where its
+/// elements and equations allow.
 ///
 /// # Errors
 /// As for [`run`].
-pub(super) fn assemble(spec: &OrganBeatSpec, organ: &FiniteElementOrgan, threads: u32) -> Result<Organ, TaskError> {
+pub(super) fn assemble(
+    spec: &OrganBeatSpec,
+    organ: &FiniteElementOrgan,
+    context: &Context,
+) -> Result<Organ, TaskError> {
     let stored = StoredVentricle::read(&organ.ventricle)?;
+    let made = with_parts(spec, organ, &stored, |parts, is_shared| {
+        let Some(team) = context.team.as_ref().filter(|team| team.n_ranks() > 1) else {
+            let n_ranks = if is_shared { context.threads.max(1) as usize } else { 1 };
+            let ventricle = FiniteElementVentricle::on_threads(parts, n_ranks, ThreadSettings::default());
+            return ventricle.map(|ventricle| (None, ventricle));
+        };
+        if !is_shared {
+            tracing::warn!("one rank of {} computes: the others lack these elements or solver", team.n_ranks());
+            return FiniteElementVentricle::new(parts).map(|ventricle| (None, ventricle));
+        }
+        FiniteElementVentricle::check(&parts, team.n_ranks())?;
+        let session = team.begin(spec);
+        match FiniteElementVentricle::lead(parts, team.comm()) {
+            Ok(ventricle) => Ok((Some(session), ventricle)),
+            Err(error) => {
+                session.lose();
+                Err(error)
+            }
+        }
+    })?;
+    let ((session, ventricle), circulation) = (made.0.map_err(TaskError::Organ)?, made.1);
+    Ok(Organ { session, ventricle, circulation, mesh: stored.mesh })
+}
+
+/// Does what rank 0 wants of this rank in a beat.
+///
+/// # Errors
+/// As for [`run`].
+pub(super) fn serve(spec: &OrganBeatSpec, organ: &FiniteElementOrgan, team: &Team) -> Result<(), TaskError> {
+    let stored = StoredVentricle::read(&organ.ventricle)?;
+    let serve = |parts: VentricleParts<'_>, _| FiniteElementVentricle::serve(parts, team.comm());
+    with_parts(spec, organ, &stored, serve)?.0.map_err(TaskError::Organ)
+}
+
+/// Does `work` with the parts of a ventricle, and whether several ranks can share it; returns the circulation, too.
+fn with_parts<T>(
+    spec: &OrganBeatSpec,
+    organ: &FiniteElementOrgan,
+    stored: &StoredVentricle,
+    work: impl FnOnce(VentricleParts<'_>, bool) -> T,
+) -> Result<(T, Circulation), TaskError> {
     let figures = &organ.figures;
     // A one-fibre ventricle of the same volumes, from which effects take those that they need.
     let reference = OneFibrePassive::through(
@@ -226,7 +278,7 @@ pub(super) fn assemble(spec: &OrganBeatSpec, organ: &FiniteElementOrgan, threads
         .map(|(node, time)| figures.onset_ms + time + parts.late.map_or(0.0, |late| delay_ms(late, node)))
         .collect();
     let equations = spec.finite_element.unwrap_or_else(|| FiniteElementSettings::default().equations());
-    let n_ranks = usable(threads, wall::element(stored.about.element), &equations);
+    let is_shared = is_shared(wall::element(stored.about.element), &equations);
     let EquationSettings { tolerance, linear_solver, .. } = equations;
     let of_ventricle = VentricleParts {
         anatomy: &restored.anatomy,
@@ -244,9 +296,7 @@ pub(super) fn assemble(spec: &OrganBeatSpec, organ: &FiniteElementOrgan, threads
             ..StepSettings::default()
         },
     };
-    let ventricle = FiniteElementVentricle::on_threads(of_ventricle, n_ranks, ThreadSettings::default());
-    let ventricle = ventricle.map_err(TaskError::Organ)?;
-    Ok(Organ { ventricle, circulation: parts.circulation, mesh: stored.mesh })
+    Ok((work(of_ventricle, is_shared), parts.circulation))
 }
 
 /// The delay of a node in the late part: a sector around the lateral side, opposite the septum at −x.

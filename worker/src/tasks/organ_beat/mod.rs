@@ -30,9 +30,21 @@ use crate::context::Context;
 use crate::error::{TaskError, chain};
 use crate::nodal::{self, number};
 use crate::tasks::passive_state::estimates::to_solver;
+use crate::team::Team;
 
 /// Change over the last of several beats at which it counts as periodic where no tolerance was given, mL and mmHg.
 const PERIODIC_CHANGE: f64 = 0.1;
+
+/// Helps rank 0 of `team` with a beat in 3D.
+///
+/// # Errors
+/// [`TaskError`] when the specification is outside the models or the ventricle's file is not as planned.
+pub(crate) fn serve(spec: &OrganBeatSpec, team: &Team) -> Result<(), TaskError> {
+    match &spec.organ {
+        OrganSpec::Reduced { .. } => Ok(()),
+        OrganSpec::FiniteElement(organ) => finite_element::serve(spec, organ, team),
+    }
+}
 
 /// Simulates, and judges the simulation.
 ///

@@ -1,0 +1,249 @@
+//! The communicator of MPI ranks.
+//!
+//! Nothing here blocks inside MPI: a rank that waits looks again and again, yields its core to others, and ends all ranks
+//! when another one lets it wait for longer than the patience.
+
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use cardiotwin_mechanics::parallel::{Communicator, Layout};
+use mpi::Tag;
+use mpi::point_to_point::Message;
+use mpi::request::{Request, Scope, scope};
+use mpi::topology::SimpleCommunicator;
+use mpi::traits::{Communicator as _, Destination as _, Root as _, Source as _};
+
+use crate::failure::Failures;
+
+const HALO: Tag = 1;
+const REDUCTION: Tag = 2;
+const GATHER: Tag = 3;
+const SCATTER: Tag = 4;
+
+/// How often a rank that waits looks before it yields its core.
+const SPINS: usize = 200;
+/// A rank that waits for an order for so long looks only now and then.
+const WAKEFUL: Duration = Duration::from_millis(200);
+const NAP: Duration = Duration::from_millis(2);
+
+/// A rank among those of `MPI_COMM_WORLD`. All its methods are called on the thread that initialised MPI.
+#[derive(Debug)]
+pub struct MpiRank {
+    rank: usize,
+    n_ranks: usize,
+    patience: Duration,
+    failures: Arc<Failures>,
+    /// Letters to and from neighbours, kept from halo to halo.
+    letters: Mutex<[Vec<Vec<f64>>; 2]>,
+}
+
+/// What a rank waits for.
+#[derive(Clone, Copy)]
+enum Wait<'a> {
+    For(&'a str, usize),
+    Order,
+}
+
+fn world() -> SimpleCommunicator {
+    SimpleCommunicator::world()
+}
+
+fn process(rank: usize) -> i32 {
+    rank as i32
+}
+
+impl MpiRank {
+    /// This process's rank; MPI is initialised.
+    pub fn new(patience: Duration, failures: Arc<Failures>) -> Self {
+        let (rank, n_ranks) = (world().rank() as usize, world().size() as usize);
+        Self { rank, n_ranks, patience, failures, letters: Mutex::default() }
+    }
+
+    /// Looks until there is something.
+    fn until<T>(&self, wait: Wait<'_>, mut look: impl FnMut() -> Option<T>) -> T {
+        for _ in 0..SPINS {
+            if let Some(found) = look() {
+                return found;
+            }
+        }
+        let begun = Instant::now();
+        loop {
+            for _ in 0..SPINS {
+                if let Some(found) = look() {
+                    return found;
+                }
+            }
+            match wait {
+                Wait::For(what, rank) if begun.elapsed() > self.patience => {
+                    let seconds = self.patience.as_secs_f64();
+                    self.failures.end(&format!("no progress: waited {seconds} s for {what} of rank {rank}"));
+                }
+                Wait::Order if begun.elapsed() > WAKEFUL => thread::sleep(NAP),
+                _ => thread::yield_now(),
+            }
+        }
+    }
+
+    fn done<'a, D: ?Sized, S: Scope<'a>>(&self, wait: Wait<'_>, request: Request<'a, D, S>) {
+        let mut pending = Some(request);
+        self.until(wait, || match pending.take()?.test() {
+            Ok(_) => Some(()),
+            Err(request) => {
+                pending = Some(request);
+                None
+            }
+        });
+    }
+
+    /// Values of all ranks, one after the other, on all ranks: in ⌈log₂ n⌉ exchanges (Bruck et al. 1997, IEEE Trans Parallel
+    /// Distrib Syst 8:1143).
+    fn of_all(&self, own: &[f64]) -> Vec<f64> {
+        let (n, width) = (self.n_ranks, own.len());
+        let mut blocks = vec![0.0; n * width];
+        blocks[..width].copy_from_slice(own);
+        // Block k is of rank + k, around the ring.
+        let mut held = 1;
+        while held < n {
+            let more = held.min(n - held);
+            let (to, from) = ((self.rank + n - held) % n, (self.rank + held) % n);
+            let (here, rest) = blocks.split_at_mut(held * width);
+            let (send, receive) = (&here[..more * width], &mut rest[..more * width]);
+            scope(|scope| {
+                let receive =
+                    world().process_at_rank(process(from)).immediate_receive_into_with_tag(scope, receive, REDUCTION);
+                let send = world().process_at_rank(process(to)).immediate_send_with_tag(scope, send, REDUCTION);
+                self.done(Wait::For("a reduction", from), receive);
+                self.done(Wait::For("a reduction", to), send);
+            });
+            held += more;
+        }
+        blocks.rotate_right(self.rank * width);
+        blocks
+    }
+
+    /// In the order of ranks, as threads do it: to the bit what they get.
+    fn reduce(&self, values: &mut [f64], add: impl Fn(f64, f64) -> f64) {
+        if self.n_ranks == 1 || values.is_empty() {
+            return;
+        }
+        let width = values.len();
+        let all = self.of_all(values);
+        values.copy_from_slice(&all[..width]);
+        for of_rank in all.chunks_exact(width).skip(1) {
+            values.iter_mut().zip(of_rank).for_each(|(value, other)| *value = add(*value, *other));
+        }
+    }
+
+    fn take_from_rank_0(&self, wait: Wait<'_>, values: &mut [f64]) {
+        if self.n_ranks > 1 && !values.is_empty() {
+            scope(|scope| self.done(wait, world().process_at_rank(0).immediate_broadcast_into(scope, values)));
+        }
+    }
+
+    fn send(&self, to: usize, tag: Tag, values: &[f64]) {
+        scope(|scope| {
+            let request = world().process_at_rank(process(to)).immediate_send_with_tag(scope, values, tag);
+            self.done(Wait::For("a receipt", to), request);
+        });
+    }
+
+    /// A message of unknown length.
+    fn receive(&self, from: usize, tag: Tag) -> Vec<f64> {
+        let source = world();
+        let source = source.process_at_rank(process(from));
+        let (message, status): (Message, _) =
+            self.until(Wait::For("a message", from), || source.immediate_matched_probe_with_tag(tag));
+        let n = status.count(<f64 as mpi::datatype::Equivalence>::equivalent_datatype());
+        let mut values = vec![0.0; n as usize];
+        scope(|scope| {
+            let request = message.immediate_matched_receive_into(scope, &mut values[..]);
+            self.done(Wait::For("a message", from), request);
+        });
+        values
+    }
+}
+
+impl Communicator for MpiRank {
+    fn rank(&self) -> usize {
+        self.rank
+    }
+
+    fn n_ranks(&self) -> usize {
+        self.n_ranks
+    }
+
+    fn sum(&self, values: &mut [f64]) {
+        self.reduce(values, |a, b| a + b);
+    }
+
+    fn max(&self, values: &mut [f64]) {
+        self.reduce(values, |a, b| if a.is_nan() || b.is_nan() { f64::NAN } else { a.max(b) });
+    }
+
+    fn broadcast(&self, values: &mut [f64]) {
+        self.take_from_rank_0(Wait::For("news", 0), values);
+    }
+
+    fn command(&self, values: &mut [f64]) {
+        self.take_from_rank_0(Wait::For("a command", 0), values);
+    }
+
+    fn order(&self, values: &mut [f64]) {
+        self.take_from_rank_0(Wait::Order, values);
+    }
+
+    fn update_ghosts(&self, layout: &Layout, width: usize, values: &mut [f64]) {
+        let of = |node: u32| node as usize * width..(node as usize + 1) * width;
+        let mut letters = self.letters.lock().unwrap_or_else(PoisonError::into_inner);
+        let [out, into] = &mut *letters;
+        for letters in [&mut *out, &mut *into] {
+            letters.resize(layout.neighbours.len().max(letters.len()), vec![]);
+        }
+        for ((neighbour, out), into) in layout.neighbours.iter().zip(&mut *out).zip(&mut *into) {
+            out.clear();
+            neighbour.send.iter().for_each(|node| out.extend_from_slice(&values[of(*node)]));
+            into.resize(neighbour.receive.len() * width, 0.0);
+        }
+        scope(|scope| {
+            let mut requests = vec![];
+            for (neighbour, into) in layout.neighbours.iter().zip(&mut *into) {
+                let other = world();
+                let other = other.process_at_rank(process(neighbour.rank));
+                requests.push((neighbour.rank, other.immediate_receive_into_with_tag(scope, &mut into[..], HALO)));
+            }
+            let mut sends = vec![];
+            for (neighbour, out) in layout.neighbours.iter().zip(&*out) {
+                let other = world();
+                let other = other.process_at_rank(process(neighbour.rank));
+                sends.push((neighbour.rank, other.immediate_send_with_tag(scope, &out[..], HALO)));
+            }
+            requests.into_iter().for_each(|(rank, request)| self.done(Wait::For("a halo", rank), request));
+            sends.into_iter().for_each(|(rank, request)| self.done(Wait::For("a halo", rank), request));
+        });
+        for (neighbour, into) in layout.neighbours.iter().zip(&*into) {
+            for (node, value) in neighbour.receive.iter().zip(into.chunks_exact(width)) {
+                values[of(*node)].copy_from_slice(value);
+            }
+        }
+    }
+
+    fn gather(&self, values: &[f64]) -> Option<Vec<Vec<f64>>> {
+        if self.rank > 0 {
+            self.send(0, GATHER, values);
+            return None;
+        }
+        let others = (1..self.n_ranks).map(|rank| self.receive(rank, GATHER));
+        Some(std::iter::once(values.to_vec()).chain(others).collect())
+    }
+
+    fn scatter(&self, mut parts: Vec<Vec<f64>>) -> Vec<f64> {
+        if self.rank > 0 {
+            return self.receive(0, SCATTER);
+        }
+        for (rank, part) in parts.iter().enumerate().skip(1) {
+            self.send(rank, SCATTER, part);
+        }
+        parts.swap_remove(0)
+    }
+}

@@ -1,0 +1,65 @@
+//! The end of all ranks because of one.
+
+use std::io;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::{panic, thread};
+
+use cardiotwin_worker::{clock, files};
+use mpi::topology::SimpleCommunicator;
+use mpi::traits::Communicator as _;
+use serde::Serialize;
+
+/// Exit code of ranks that were ended because one failed.
+pub const EXIT_RANK_FAILED: i32 = 6;
+/// File in the task's directory.
+pub const FILE: &str = "rank-failure.json";
+
+/// What is known of a failure.
+#[derive(Serialize)]
+struct Failure<'a> {
+    rank: usize,
+    ranks: usize,
+    at: &'a str,
+    reason: &'a str,
+}
+
+/// How a rank ends all.
+#[derive(Debug)]
+pub struct Failures {
+    pub rank: usize,
+    pub n_ranks: usize,
+    /// Where the failure is written: the directory of the task, if there is one.
+    pub directory: Option<PathBuf>,
+}
+
+impl Failures {
+    /// Says why, once for all ranks, and ends them.
+    pub fn end(&self, reason: &str) -> ! {
+        let (rank, ranks, at) = (self.rank, self.n_ranks, &clock::now());
+        let failure = serde_json::to_string(&Failure { rank, ranks, at, reason }).expect("plain fields are JSON");
+        let written = self.directory.as_ref().map(|dir| files::create_exclusive(&dir.join(FILE), failure.as_bytes()));
+        // Another rank that failed at the same time has said it.
+        let said = matches!(&written, Some(Err(error)) if error.kind() == io::ErrorKind::AlreadyExists);
+        if !said {
+            eprintln!("error: rank {rank} of {ranks} failed at {at}: {reason}; all ranks end");
+        }
+        SimpleCommunicator::world().abort(EXIT_RANK_FAILED)
+    }
+
+    /// Makes every panic end all ranks: an unwinding rank would wait for the others in `MPI_Finalize`, and they for it.
+    pub fn on_panic(self: &Arc<Self>) {
+        let failures = Arc::clone(self);
+        panic::set_hook(Box::new(move |info| {
+            let place = info.location().map(|place| format!(" at {}:{}", place.file(), place.line()));
+            let message = info.payload_as_str().unwrap_or("no message");
+            failures.end(&format!("panicked{}: {message}", place.unwrap_or_default()));
+        }));
+    }
+
+    /// The end because of an error that other ranks may have found, too: rank 0 is given time to publish it.
+    pub fn end_after_rank_0(&self, reason: &str) -> ! {
+        thread::sleep(std::time::Duration::from_secs(3));
+        self.end(reason)
+    }
+}
