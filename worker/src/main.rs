@@ -86,10 +86,10 @@ enum Command {
         /// With `beat`: a generated 3D ventricle of about so many nodes; minutes for tens of thousands
         #[arg(long, value_name = "N")]
         nodes: Option<usize>,
-        /// With --nodes: threads, each with a part of the mesh
-        #[arg(long, alias = "ranks", requires = "nodes", default_value_t = 1, value_name = "R",
+        /// With --nodes: threads, each with a part of the mesh; several numbers, such as 1,2, are measured one after the other
+        #[arg(long, alias = "ranks", requires = "nodes", default_value = "1", value_name = "R", value_delimiter = ',',
               value_parser = clap::value_parser!(u32).range(1..=1024))]
-        threads: u32,
+        threads: Vec<u32>,
         /// With --nodes: linear elements with nodal volume change, or with a plain penalty (the paper's)
         #[arg(long, requires = "nodes", value_enum, default_value_t = Elements::Linear)]
         element: Elements,
@@ -124,6 +124,8 @@ enum Kernel {
     Cell,
     /// Step 2's strategies on the same targets: minutes
     Strategies,
+    /// With --nodes: each shortcut of the 3D beat's time steps, off and on, beside a tight run
+    Shortcuts,
 }
 
 fn main() -> ExitCode {
@@ -180,7 +182,6 @@ fn execute(command: Command) -> anyhow::Result<ExitCode> {
             progress(&done.to_string());
         }
         Command::Bench { kernel, json, nodes: Some(nodes), threads, element, cycle, step, tolerance, .. } => {
-            anyhow::ensure!(matches!(kernel, Kernel::Beat), "--nodes: only `beat` has a 3D ventricle");
             let positive = [("--cycle", cycle), ("--step", step), ("--tolerance", tolerance)];
             for (name, value) in positive {
                 anyhow::ensure!(value > 0.0 && value.is_finite(), "{name} {value}: expected a positive number");
@@ -189,21 +190,36 @@ fn execute(command: Command) -> anyhow::Result<ExitCode> {
                 Elements::Linear => bench::Element::Linear,
                 Elements::Pointwise => bench::Element::Pointwise,
             };
-            let threads = threads as usize;
-            let what = bench::VentricleBench { nodes, threads, element, cycle_ms: cycle, step_ms: step, tolerance };
-            let timing = bench::ventricle(&what, |word| eprintln!("{word}"))?;
-            if json {
-                println!("{}", serde_json::to_string(&timing)?);
-            } else {
-                println!("{timing}");
+            let what = bench::VentricleBench { nodes, element, cycle_ms: cycle, step_ms: step, tolerance };
+            let report = |word: &str| eprintln!("{word}");
+            match kernel {
+                Kernel::Beat => {
+                    let counts: Vec<bench::Ranks<'_>> =
+                        threads.iter().map(|n| bench::Ranks::Threads(*n as usize)).collect();
+                    let timings = bench::ventricle(&what, &counts, &stop, report)?;
+                    print!("{}", bench::told(&timings, json)?);
+                    anyhow::ensure!(timings.iter().all(|t| t.diverged.is_none()), "the beat did not reach its end");
+                }
+                Kernel::Shortcuts => {
+                    let most = threads.iter().copied().max().unwrap_or(1) as usize;
+                    let found = bench::shortcuts(&what, most, &stop, report)?;
+                    if json {
+                        println!("{}", serde_json::to_string(&found)?);
+                    } else {
+                        print!("{found}");
+                    }
+                }
+                _ => anyhow::bail!("--nodes: only `beat` and `shortcuts` have a 3D ventricle"),
             }
-            anyhow::ensure!(timing.diverged.is_none(), "the beat did not reach its end");
         }
         Command::Bench { kernel, json, seeds, .. } => {
             let timing = match kernel {
                 Kernel::Beat => serde_json::to_value(bench::beat()?)?,
                 Kernel::Periodic => serde_json::to_value(bench::periodic()?)?,
                 Kernel::Cell => serde_json::to_value(bench::cell()?)?,
+                Kernel::Shortcuts => {
+                    anyhow::bail!("shortcuts are those of a 3D beat: say --nodes, such as --nodes 2000")
+                }
                 Kernel::Strategies => {
                     let comparison =
                         bench::strategies(seeds, |row| eprintln!("{}: {:?} done", row.case, row.strategy))?;

@@ -58,6 +58,12 @@ pub fn peak_memory_mb() -> f64 {
     kib.unwrap_or(0.0) * 1024.0 / 1e6
 }
 
+/// Makes [`peak_memory_mb`] count anew, where the kernel lets this process.
+pub fn forget_peak_memory() {
+    // "5" resets the high-water mark (proc(5), clear_refs); where that is refused the mark stays.
+    let _ = fs::write("/proc/self/clear_refs", "5");
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

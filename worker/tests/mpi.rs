@@ -142,9 +142,34 @@ fn a_beat_on_two_ranks_is_that_on_two_threads_and_ends_whole_or_with_a_checkpoin
     let (want, got) = (want.biomarkers.p_max_mmhg.expect("P_max"), resumed.biomarkers.p_max_mmhg.expect("P_max"));
     assert!((got / want - 1.0).abs() < 1e-4, "{got} for {want} mmHg");
 
+    so_many_subdomains_give_the_same_bits_on_any_number_of_ranks(folder.path(), &spec);
     an_attempt_says_how_many_ranks_it_needs(folder.path(), &task);
     a_missing_file_is_an_outcome(folder.path(), &spec);
     a_killed_rank_ends_all(folder.path(), &spec);
+}
+
+fn so_many_subdomains_give_the_same_bits_on_any_number_of_ranks(folder: &Path, spec: &OrganBeatSpec) {
+    // Few steps: eight ranks on two cores wait for each other most of the time.
+    let task = &TaskSpec::OrganBeat(Box::new(OrganBeatSpec { time_step_ms: 10.0, ..spec.clone() }));
+    let by_threads = folder.join("eight-threads");
+    fs::create_dir(&by_threads).expect("a folder");
+    result(run_task(task, &mut Context::plain(&by_threads, 8)));
+    let file = written(folder, task);
+    for n_ranks in [1, 2, 4, 8] {
+        let by_ranks = folder.join(format!("eight-on-{n_ranks}"));
+        let ranks = n_ranks.to_string();
+        let parts = ["--ranks", ranks.as_str(), "--subdomains", "8"];
+        let arguments = [["simulate", text(&file), "--out", text(&by_ranks)], parts].concat();
+        let out = output(mpirun(n_ranks, &arguments));
+        assert!(out.status.success(), "{}", said(&out));
+        result(serde_json::from_slice::<TaskOutcome>(&out.stdout).expect("an outcome").ending);
+        for name in ["traces.csv", "nodal.csv"] {
+            let [a, b] = [&by_threads, &by_ranks].map(|folder| fs::read(folder.join(name)).expect("a file"));
+            assert!(a == b, "{name} of eight subdomains on {n_ranks} ranks differs from that on eight threads");
+        }
+    }
+    let refused = output(mpirun(2, &["check", "--ranks", "2", "--subdomains", "3"]));
+    assert!(said(&refused).contains("--subdomains 3: expected a multiple of the 2 ranks"), "{}", said(&refused));
 }
 
 fn an_attempt_says_how_many_ranks_it_needs(folder: &Path, task: &TaskSpec) {
@@ -251,6 +276,23 @@ fn ranks_are_counted_before_anything_is_done() {
         .output()
         .expect("the worker starts");
     assert!(alone.status.code() == Some(5) && said(&alone).contains("found 1 ranks, expected 2"), "{}", said(&alone));
+}
+
+#[test]
+fn a_beat_on_two_ranks_is_measured() {
+    let beat = ["bench", "--nodes", "500", "--cycle", "60", "--step", "5", "--json", "--ranks", "2"];
+    let out = output(mpirun(2, &beat));
+    assert!(out.status.success(), "{}", said(&out));
+    let found: serde_json::Value = serde_json::from_slice(&out.stdout).expect("JSON");
+    assert_eq!((found["threads"].as_u64(), found["steps"].as_u64()), (Some(2), Some(12)));
+    let ranks = found["ranks"].as_array().expect("ranks");
+    assert_eq!(ranks.len(), 2);
+    let sum = |key: &str| ranks.iter().map(|rank| rank[key].as_f64().expect(key)).sum::<f64>();
+    assert_eq!(Some(sum("nodes")), found["nodes"].as_f64());
+    assert!(sum("elements") > found["elements"].as_f64().expect("elements"));
+    for key in ["ghosts", "halo_messages", "halo_MB", "reductions", "peak_memory_MB"] {
+        assert!(sum(key) > 0.0, "{key} in {found}");
+    }
 }
 
 /// A Slurm of one node on this machine, ended when dropped.

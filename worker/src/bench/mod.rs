@@ -2,14 +2,15 @@
 
 mod cell;
 mod strategies;
-mod triad;
+pub(crate) mod triad;
 mod ventricle;
 
 pub use cell::{CellTiming, cell};
 pub use strategies::{Case, Comparison, Row, cases, strategies};
 pub use triad::triad_gb_per_s;
 pub use ventricle::{
-    BeatBiomarkers, BenchError, Element, NsPerTet, SecondsPerPhase, VentricleBench, VentricleTiming, ventricle,
+    BeatBiomarkers, BenchError, Element, NsPerTet, OfRank, Ranks, SecondsPerPhase, Shortcut, Shortcuts, VentricleBench,
+    VentricleTiming, follow, shortcuts, told, ventricle,
 };
 
 use std::time::{Duration, Instant};

@@ -12,7 +12,7 @@ use mpi::Tag;
 use mpi::point_to_point::Message;
 use mpi::request::{Request, Scope, scope};
 use mpi::topology::SimpleCommunicator;
-use mpi::traits::{Communicator as _, Destination as _, Root as _, Source as _};
+use mpi::traits::{Communicator as _, Destination as _, Source as _};
 
 use crate::failure::Failures;
 
@@ -20,6 +20,11 @@ const HALO: Tag = 1;
 const REDUCTION: Tag = 2;
 const GATHER: Tag = 3;
 const SCATTER: Tag = 4;
+const BROADCAST: Tag = 5;
+/// Above all of these.
+const KINDS: Tag = 8;
+/// Ranks that may share processes: their pairs and kinds of messages make up the smallest range of tags that MPI allows.
+pub const MOST_SHARING: usize = 63;
 
 /// How often a rank that waits looks before it yields its core.
 const SPINS: usize = 200;
@@ -27,11 +32,12 @@ const SPINS: usize = 200;
 const WAKEFUL: Duration = Duration::from_millis(200);
 const NAP: Duration = Duration::from_millis(2);
 
-/// A rank among those of `MPI_COMM_WORLD`. All its methods are called on the thread that initialised MPI.
+/// A rank, of which each process of `MPI_COMM_WORLD` has equally many: one, or several on threads of their own.
 #[derive(Debug)]
 pub struct MpiRank {
     rank: usize,
     n_ranks: usize,
+    per_process: usize,
     patience: Duration,
     failures: Arc<Failures>,
     /// Letters to and from neighbours, kept from halo to halo.
@@ -49,15 +55,21 @@ fn world() -> SimpleCommunicator {
     SimpleCommunicator::world()
 }
 
-fn process(rank: usize) -> i32 {
-    rank as i32
-}
-
 impl MpiRank {
-    /// This process's rank; MPI is initialised.
-    pub fn new(patience: Duration, failures: Arc<Failures>) -> Self {
-        let (rank, n_ranks) = (world().rank() as usize, world().size() as usize);
-        Self { rank, n_ranks, patience, failures, letters: Mutex::default() }
+    /// The `k`th of this process's `per_process` ranks; MPI is initialised for so many threads.
+    pub fn new(k: usize, per_process: usize, patience: Duration, failures: Arc<Failures>) -> Self {
+        let (process, n_processes) = (world().rank() as usize, world().size() as usize);
+        let (rank, n_ranks) = (process * per_process + k, n_processes * per_process);
+        Self { rank, n_ranks, per_process, patience, failures, letters: Mutex::default() }
+    }
+
+    fn process(&self, rank: usize) -> i32 {
+        (rank / self.per_process) as i32
+    }
+
+    /// Ranks of one process get each other's messages apart by their tags.
+    fn tag(&self, kind: Tag, from: usize, to: usize) -> Tag {
+        if self.per_process == 1 { kind } else { (from * self.n_ranks + to) as Tag * KINDS + kind }
     }
 
     /// Looks until there is something.
@@ -110,9 +122,10 @@ impl MpiRank {
             let (here, rest) = blocks.split_at_mut(held * width);
             let (send, receive) = (&here[..more * width], &mut rest[..more * width]);
             scope(|scope| {
-                let receive =
-                    world().process_at_rank(process(from)).immediate_receive_into_with_tag(scope, receive, REDUCTION);
-                let send = world().process_at_rank(process(to)).immediate_send_with_tag(scope, send, REDUCTION);
+                let (here, there) = (self.tag(REDUCTION, from, self.rank), self.tag(REDUCTION, self.rank, to));
+                let (source, target) = (self.process(from), self.process(to));
+                let receive = world().process_at_rank(source).immediate_receive_into_with_tag(scope, receive, here);
+                let send = world().process_at_rank(target).immediate_send_with_tag(scope, send, there);
                 self.done(Wait::For("a reduction", from), receive);
                 self.done(Wait::For("a reduction", to), send);
             });
@@ -135,15 +148,34 @@ impl MpiRank {
         }
     }
 
+    /// Down a binomial tree from rank 0.
     fn take_from_rank_0(&self, wait: Wait<'_>, values: &mut [f64]) {
-        if self.n_ranks > 1 && !values.is_empty() {
-            scope(|scope| self.done(wait, world().process_at_rank(0).immediate_broadcast_into(scope, values)));
+        if self.n_ranks == 1 || values.is_empty() {
+            return;
+        }
+        let mut reach = 1;
+        while reach < self.n_ranks {
+            let next = 2 * reach;
+            if (reach..next).contains(&self.rank) {
+                let from = self.rank - reach;
+                let tag = self.tag(BROADCAST, from, self.rank);
+                let source = self.process(from);
+                scope(|scope| {
+                    let request =
+                        world().process_at_rank(source).immediate_receive_into_with_tag(scope, &mut *values, tag);
+                    self.done(wait, request);
+                });
+            } else if self.rank < reach && self.rank + reach < self.n_ranks {
+                self.send(self.rank + reach, BROADCAST, values);
+            }
+            reach = next;
         }
     }
 
     fn send(&self, to: usize, tag: Tag, values: &[f64]) {
         scope(|scope| {
-            let request = world().process_at_rank(process(to)).immediate_send_with_tag(scope, values, tag);
+            let (target, tag) = (self.process(to), self.tag(tag, self.rank, to));
+            let request = world().process_at_rank(target).immediate_send_with_tag(scope, values, tag);
             self.done(Wait::For("a receipt", to), request);
         });
     }
@@ -151,7 +183,8 @@ impl MpiRank {
     /// A message of unknown length.
     fn receive(&self, from: usize, tag: Tag) -> Vec<f64> {
         let source = world();
-        let source = source.process_at_rank(process(from));
+        let source = source.process_at_rank(self.process(from));
+        let tag = self.tag(tag, from, self.rank);
         let (message, status): (Message, _) =
             self.until(Wait::For("a message", from), || source.immediate_matched_probe_with_tag(tag));
         let n = status.count(<f64 as mpi::datatype::Equivalence>::equivalent_datatype());
@@ -209,14 +242,16 @@ impl Communicator for MpiRank {
             let mut requests = vec![];
             for (neighbour, into) in layout.neighbours.iter().zip(&mut *into) {
                 let other = world();
-                let other = other.process_at_rank(process(neighbour.rank));
-                requests.push((neighbour.rank, other.immediate_receive_into_with_tag(scope, &mut into[..], HALO)));
+                let other = other.process_at_rank(self.process(neighbour.rank));
+                let tag = self.tag(HALO, neighbour.rank, self.rank);
+                requests.push((neighbour.rank, other.immediate_receive_into_with_tag(scope, &mut into[..], tag)));
             }
             let mut sends = vec![];
             for (neighbour, out) in layout.neighbours.iter().zip(&*out) {
                 let other = world();
-                let other = other.process_at_rank(process(neighbour.rank));
-                sends.push((neighbour.rank, other.immediate_send_with_tag(scope, &out[..], HALO)));
+                let other = other.process_at_rank(self.process(neighbour.rank));
+                let tag = self.tag(HALO, self.rank, neighbour.rank);
+                sends.push((neighbour.rank, other.immediate_send_with_tag(scope, &out[..], tag)));
             }
             requests.into_iter().for_each(|(rank, request)| self.done(Wait::For("a halo", rank), request));
             sends.into_iter().for_each(|(rank, request)| self.done(Wait::For("a halo", rank), request));

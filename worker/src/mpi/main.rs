@@ -12,6 +12,7 @@ use std::time::Duration;
 use anyhow::Context as _;
 use cardiotwin_schemas::task::{AttemptSpec, TaskSpec};
 use cardiotwin_worker::attempt::AttemptError;
+use cardiotwin_worker::bench;
 use cardiotwin_worker::checkpoint::Checkpoints;
 use cardiotwin_worker::context::Context;
 use cardiotwin_worker::provenance::VERSION_TEXT;
@@ -52,6 +53,10 @@ struct Ranks {
     /// spec.json says (`threads`)
     #[arg(long, value_name = "N")]
     ranks: Option<usize>,
+    /// Parts of the mesh, a multiple of the ranks: each computes several, on threads. They own the order of sums, so that a
+    /// beat is the same to the bit on any number of ranks and, with as many, on threads; without, a part a rank
+    #[arg(long, value_name = "S")]
+    subdomains: Option<usize>,
     /// A rank that waits for another for so long ends all
     #[arg(long, value_name = "SECONDS", default_value_t = 600.0)]
     patience: f64,
@@ -89,6 +94,29 @@ enum Command {
         #[arg(long, value_name = "DIR")]
         restart: Option<PathBuf>,
     },
+    /// Measure a beat of a generated 3D ventricle, as `cardiotwin-worker bench beat --nodes N` on threads
+    Bench {
+        #[command(flatten)]
+        ranks: Ranks,
+        /// Print JSON
+        #[arg(long)]
+        json: bool,
+        /// Nodes, about
+        #[arg(long, value_name = "N")]
+        nodes: usize,
+        /// Linear elements with a plain penalty (the paper's), not with nodal volume change
+        #[arg(long)]
+        pointwise: bool,
+        /// Length of the beat; the default is whole
+        #[arg(long, value_name = "MS", default_value_t = 659.0)]
+        cycle: f64,
+        /// Time step
+        #[arg(long, value_name = "MS", default_value_t = 1.0)]
+        step: f64,
+        /// Relative tolerance of Newton's method
+        #[arg(long, default_value_t = 1e-4)]
+        tolerance: f64,
+    },
     /// Check the launcher and the network: ranks and hosts, times of a reduction and of a halo
     Check {
         #[command(flatten)]
@@ -107,49 +135,89 @@ fn main() -> ExitCode {
     let (ranks, directory) = match &cli.command {
         Command::Run { directory, ranks, .. } => (ranks, Some(directory.clone())),
         Command::Simulate { out, ranks, .. } => (ranks, Some(out.clone())),
-        Command::Check { ranks, .. } => (ranks, None),
+        Command::Bench { ranks, .. } | Command::Check { ranks, .. } => (ranks, None),
     };
-    let Some((universe, _)) = mpi::initialize_with_threading(Threading::Funneled) else {
+    let threading = if ranks.subdomains.is_some() { Threading::Multiple } else { Threading::Funneled };
+    let Some((universe, provided)) = mpi::initialize_with_threading(threading) else {
         eprintln!("error: MPI was initialised before");
         return ExitCode::from(EXIT_FAILED);
     };
     let (rank, n_ranks) = (universe.world().rank() as usize, universe.world().size() as usize);
-    if let Err(error) = expected(&cli.command, ranks, n_ranks) {
-        // Each rank that believes to be alone finds this out: one message for each.
-        if rank == 0 {
-            eprintln!("error: {error:#}");
+    let per_process = match expected(&cli.command, ranks, n_ranks).and_then(|()| shared(ranks, n_ranks, provided)) {
+        Ok(per_process) => per_process,
+        Err(error) => {
+            // Each rank that believes to be alone finds this out: one message for each.
+            if rank == 0 {
+                eprintln!("error: {error:#}");
+            }
+            return ExitCode::from(EXIT_RANKS);
         }
-        return ExitCode::from(EXIT_RANKS);
-    }
+    };
     let failures = Arc::new(Failures { rank, n_ranks, directory });
     failures.on_panic();
     let patience = Duration::try_from_secs_f64(ranks.patience).unwrap_or(Duration::MAX);
-    let team = Team::new(Arc::new(MpiRank::new(patience, Arc::clone(&failures))));
-    let code = if let Command::Check { json, fail, .. } = &cli.command {
-        check::check(team.comm().as_ref(), *fail, *json, &failures);
-        ExitCode::SUCCESS
-    } else if rank > 0 {
-        // Whoever asks rank 0 to stop asks the others, too: rank 0 tells them.
-        let caught = StopFlag::on_signals();
-        match caught.context("cannot catch signals").and_then(|_| Ok(team.follow()?)) {
-            Ok(()) => ExitCode::SUCCESS,
-            Err(error) => failures.end_after_rank_0(&format!("{error:#}")),
+    let team = |k| Team::new(Arc::new(MpiRank::new(k, per_process, patience, Arc::clone(&failures))));
+    let help = |team: &Team| {
+        if let Command::Check { json, fail, .. } = &cli.command {
+            return check::check(team.comm().as_ref(), *fail, *json, &failures);
         }
-    } else {
-        let done = lead(cli.command, &team);
+        let helped = match measured(&cli.command) {
+            Some(bench) => bench::follow(&bench, team).map_err(anyhow::Error::from),
+            None => team.follow().map_err(anyhow::Error::from),
+        };
+        if let Err(error) = helped {
+            failures.end_after_rank_0(&format!("{error:#}"));
+        }
+    };
+    let code = std::thread::scope(|scope| {
+        // One that panics ends all ranks by the hook above.
+        (1..per_process).for_each(|k| drop(scope.spawn(move || help(&team(k)))));
+        let team = team(0);
+        // Whoever asks rank 0 to stop asks the others, too: rank 0 tells them.
+        let stop = StopFlag::on_signals();
+        if rank > 0 || matches!(cli.command, Command::Check { .. }) {
+            help(&team);
+            return ExitCode::SUCCESS;
+        }
+        let done = stop.context("cannot catch signals").and_then(|stop| lead(&cli.command, &team, &stop));
         let code = done.as_ref().map_or_else(code_of, |_| ExitCode::SUCCESS);
-        if team.is_amid() {
-            let reason = done.map_or_else(|error| format!("{error:#}"), |reason| reason.unwrap_or_default());
+        let lost = matches!(cli.command, Command::Bench { .. }) && done.is_err();
+        if team.is_amid() || lost {
+            let reason = done.map_or_else(|error| format!("{error:#}"), Option::unwrap_or_default);
             failures.end(&reason);
         }
         if let Err(error) = done {
             eprintln!("error: {error:#}");
         }
-        team.dismiss();
+        if measured(&cli.command).is_none() {
+            team.dismiss();
+        }
         code
-    };
+    });
     drop(universe);
     code
+}
+
+/// The beat that all ranks measure.
+fn measured(command: &Command) -> Option<bench::VentricleBench> {
+    let Command::Bench { nodes, pointwise, cycle, step, tolerance, .. } = *command else { return None };
+    let element = if pointwise { bench::Element::Pointwise } else { bench::Element::Linear };
+    Some(bench::VentricleBench { nodes, element, cycle_ms: cycle, step_ms: step, tolerance })
+}
+
+/// Parts of the mesh a process.
+fn shared(ranks: &Ranks, n_ranks: usize, provided: Threading) -> anyhow::Result<usize> {
+    let Some(parts) = ranks.subdomains else { return Ok(1) };
+    anyhow::ensure!(
+        parts > 0 && parts.is_multiple_of(n_ranks) && parts <= communicator::MOST_SHARING,
+        "--subdomains {parts}: expected a multiple of the {n_ranks} ranks, {} at most",
+        communicator::MOST_SHARING
+    );
+    anyhow::ensure!(
+        parts == n_ranks || provided == Threading::Multiple,
+        "--subdomains {parts}: this MPI serves one thread of a process only (it provides {provided:?}); use as many ranks"
+    );
+    Ok(parts / n_ranks)
 }
 
 fn code_of(error: &anyhow::Error) -> ExitCode {
@@ -194,38 +262,45 @@ fn read(file: &Path) -> anyhow::Result<String> {
 }
 
 /// What rank 0 does; returns what went wrong where an outcome says so.
-fn lead(command: Command, team: &Team) -> anyhow::Result<Option<String>> {
-    let stop = StopFlag::on_signals().context("cannot catch signals")?;
+fn lead(command: &Command, team: &Team, stop: &StopFlag) -> anyhow::Result<Option<String>> {
     let ending = match command {
         Command::Run { directory, quiet, .. } => {
-            log(if quiet { Level::WARN } else { Level::INFO });
-            run_attempt(&directory, Some(team.clone()), &stop, !quiet)?
+            log(if *quiet { Level::WARN } else { Level::INFO });
+            run_attempt(directory, Some(team.clone()), stop, !quiet)?
         }
         Command::Simulate { spec, out, vtu_every, checkpoint_every, restart, .. } => {
             log(Level::INFO);
-            let task: TaskSpec = serde_json::from_str(&read(&spec)?)
+            let task: TaskSpec = serde_json::from_str(&read(spec)?)
                 .with_context(|| format!("{}: not the specification of a task", spec.display()))?;
-            std::fs::create_dir_all(&out).with_context(|| format!("cannot make {}", out.display()))?;
-            let checkpoints = match &restart {
+            std::fs::create_dir_all(out).with_context(|| format!("cannot make {}", out.display()))?;
+            let checkpoints = match restart {
                 Some(other) => {
                     anyhow::ensure!(other.is_dir(), "--restart {}: no such directory", other.display());
-                    Checkpoints::restarting(&out, other, None)
+                    Checkpoints::restarting(out, other, None)
                 }
-                None if checkpoint_every > 0.0 => Checkpoints::writing(&out),
+                None if *checkpoint_every > 0.0 => Checkpoints::writing(out),
                 None => Checkpoints::none(),
             };
             let context = Context {
                 team: Some(team.clone()),
                 checkpoints,
-                checkpoint_ms: checkpoint_every,
+                checkpoint_ms: *checkpoint_every,
                 checkpoint_apart: Duration::ZERO,
-                vtu_every_ms: vtu_every,
-                stop,
-                ..Context::plain(&out, 1)
+                vtu_every_ms: *vtu_every,
+                stop: stop.clone(),
+                ..Context::plain(out, 1)
             };
             let outcome = simulate(&task, context);
             println!("{}", serde_json::to_string_pretty(&outcome)?);
             outcome.ending
+        }
+        Command::Bench { json, .. } => {
+            let what = measured(command).context("a beat to measure")?;
+            let report = |word: &str| eprintln!("{word}");
+            let timings = bench::ventricle(&what, &[bench::Ranks::Team(team)], stop, report)?;
+            print!("{}", bench::told(&timings, *json)?);
+            anyhow::ensure!(timings.iter().all(|t| t.diverged.is_none()), "the beat did not reach its end");
+            return Ok(None);
         }
         Command::Check { .. } => unreachable!("all ranks check"),
     };

@@ -18,6 +18,7 @@ pub use end_diastole::EndDiastole;
 pub use kernels::Kernel;
 pub use passive_fit::PassiveFit;
 pub use passive_state::{PassiveState, PassiveStateError};
+pub use rank::RankFigures;
 pub use search::{Fitted, Search, SearchProgress, Slope, UnloadingSettings, Watch};
 pub use ventricle::{FiniteElementVentricle, VentricleParts, VentricleWork};
 pub use wall::{WallError, WallParameters};

@@ -4,6 +4,7 @@
 //! collective: rank 0 tells what it is ([`Command`]), and all ranks do it.
 
 use std::borrow::Cow;
+use std::sync::Arc;
 
 use cardiotwin_models::effects::FibreViscosity;
 use cardiotwin_models::ventricle::VentricleError;
@@ -17,7 +18,7 @@ use crate::body::{BodyError, Deformation};
 use crate::dynamics::{Candidate, Dynamics, State};
 use crate::element::batch::ElementError;
 use crate::newton::{LinearSolver, Smallest};
-use crate::parallel::{Communicator, Part, Space};
+use crate::parallel::{Communicator, Counted, Part, Space, Traffic};
 use crate::step::{Closure, PointStress as _, Solver, StepError, StepReport, StepSettings, step};
 
 /// What all ranks share.
@@ -140,6 +141,8 @@ pub(super) enum Command {
     Run(Kernel),
     /// Count the bytes of an iteration.
     KrylovBytes,
+    /// Say what each rank holds and sent.
+    Figures,
 }
 
 impl Command {
@@ -160,6 +163,7 @@ impl Command {
                 [9.0, kernel, n, 0.0]
             }
             Self::KrylovBytes => [10.0, 0.0, 0.0, 0.0],
+            Self::Figures => [11.0, 0.0, 0.0, 0.0],
         }
     }
 
@@ -175,7 +179,40 @@ impl Command {
             8 => Self::Volume,
             9 => Self::Run(Kernel::decoded([a, b])),
             10 => Self::KrylovBytes,
+            11 => Self::Figures,
             _ => Self::Stop,
+        }
+    }
+}
+
+/// What a rank holds, and what it sent.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct RankFigures {
+    /// Nodes that it owns.
+    pub nodes: f64,
+    /// Nodes of other ranks that it holds.
+    pub ghosts: f64,
+    /// Elements that it computes.
+    pub elements: f64,
+    /// Ranks that it exchanges halos with.
+    pub neighbours: f64,
+    /// Messages with halos that it sent.
+    pub halo_messages: f64,
+    /// Bytes in them.
+    pub halo_bytes: f64,
+    /// Reductions and broadcasts that it took part in.
+    pub reductions: f64,
+}
+
+impl RankFigures {
+    /// What was sent since `before`.
+    #[must_use]
+    pub fn since(&self, before: &Self) -> Self {
+        Self {
+            halo_messages: self.halo_messages - before.halo_messages,
+            halo_bytes: self.halo_bytes - before.halo_bytes,
+            reductions: self.reductions - before.reductions,
+            ..*self
         }
     }
 }
@@ -190,10 +227,11 @@ pub(super) struct OrganRank {
     contraction: PointContraction,
     /// Whether this rank speaks for the element of each point.
     speaks_for: Vec<bool>,
-    settings: StepSettings,
+    pub settings: StepSettings,
     solver: Solver,
     trial: Option<State>,
     pub(super) bench: Option<Bench>,
+    traffic: Arc<Traffic>,
 }
 
 impl OrganRank {
@@ -209,6 +247,8 @@ impl OrganRank {
             let (name, value, expected) = ("ranks", comm.n_ranks() as f64, "1 with this linear solver");
             return Err(VentricleError::Parameter { name, value, expected });
         }
+        let traffic = Arc::new(Traffic::default());
+        let comm = Box::new(Counted::new(comm, Arc::clone(&traffic)));
         let EndDiastole { unloaded, anchor, u, pressure_kpa } = end_diastole;
         let mut dynamics = (setup.wall.hung_on(&anatomy, &unloaded, part.layout.clone(), comm))
             .map_err(|error| failed(&in_whole_mesh(error, &part)))?;
@@ -250,6 +290,7 @@ impl OrganRank {
             solver: Solver::new(),
             trial: None,
             bench: None,
+            traffic,
             dynamics,
         })
     }
@@ -286,6 +327,7 @@ impl OrganRank {
                 Command::Volume => _ = self.volume_mm3(),
                 Command::Run(kernel) => _ = self.run(kernel),
                 Command::KrylovBytes => _ = self.krylov_bytes(),
+                Command::Figures => _ = self.figures(),
             }
         }
     }
@@ -302,7 +344,11 @@ impl OrganRank {
         self.trial = None;
         self.contraction.begin_step(end_ms);
         let mut candidate = Candidate { pressure_kpa, ..Candidate::default() };
-        self.dynamics.scheme.predict(dt_ms, &self.now.motion, &mut candidate.motion.u);
+        if self.settings.extrapolate {
+            self.dynamics.scheme.predict(dt_ms, &self.now.motion, &mut candidate.motion.u);
+        } else {
+            candidate.motion.u.clone_from(&self.now.motion.u);
+        }
         let (force, report) = step(
             &self.dynamics,
             &self.now,
@@ -395,6 +441,25 @@ impl OrganRank {
             Values::Force => *force = all,
             _ => self.solver.respond_from(&all),
         }
+    }
+
+    /// What each rank holds and sent so far, on rank 0.
+    pub fn figures(&self) -> Vec<RankFigures> {
+        let layout = &self.part.layout;
+        let own = [layout.n_owned, layout.n_local - layout.n_owned, self.part.elements.len(), layout.neighbours.len()];
+        let counts = self.traffic.counts();
+        let own: Vec<f64> = own.into_iter().map(|n| n as f64).chain(counts).collect();
+        let all = self.comm().gather(&own).unwrap_or_default();
+        let figures = |f: &Vec<f64>| RankFigures {
+            nodes: f[0],
+            ghosts: f[1],
+            elements: f[2],
+            neighbours: f[3],
+            halo_messages: f[4],
+            halo_bytes: f[5],
+            reductions: f[6],
+        };
+        all.iter().map(figures).collect()
     }
 
     /// How many numbers a point has of each of the states.

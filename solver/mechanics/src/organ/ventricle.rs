@@ -15,7 +15,7 @@ use super::census::Census;
 use super::contraction::SharedModel;
 use super::end_diastole::EndDiastole;
 use super::kernels::Kernel;
-use super::rank::{Command, OrganRank, Setup, Share, Values, chain};
+use super::rank::{Command, OrganRank, RankFigures, Setup, Share, Values, chain};
 use super::wall::WallParameters;
 use crate::dynamics::Dynamics;
 use crate::parallel::{Communicator, Crew, Part, SingleProcess, ThreadRank, ThreadSettings, crew, owners};
@@ -321,6 +321,11 @@ impl FiniteElementVentricle {
         self.do_with(Command::KrylovBytes, |rank| rank.krylov_bytes())
     }
 
+    /// What each rank holds, and what it sent so far.
+    pub fn of_ranks(&mut self) -> Vec<RankFigures> {
+        self.do_with(Command::Figures, |rank| rank.figures())
+    }
+
     /// Nodes (vertices of the mesh) of the nodal traces.
     #[must_use]
     pub fn nodes(&self) -> &[u32] {
@@ -426,7 +431,8 @@ impl Ventricle for FiniteElementVentricle {
         }
         let dt_ms = dt.0;
         let end_ms = self.time_ms + dt_ms;
-        let pressure_kpa = self.rank.now.pressure_kpa + dt_ms * self.rate_kpa_per_ms;
+        let rate_kpa_per_ms = if self.rank.settings.extrapolate { self.rate_kpa_per_ms } else { 0.0 };
+        let pressure_kpa = self.rank.now.pressure_kpa + dt_ms * rate_kpa_per_ms;
         let mut cavity_kpa = self.cavity_kpa;
         self.work.steps += 1;
         self.busy.store(true, Ordering::Relaxed);

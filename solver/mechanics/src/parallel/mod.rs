@@ -7,6 +7,7 @@ mod layout;
 mod part;
 mod partition;
 mod threads;
+mod traffic;
 
 pub use agreement::{Disagreement, agree};
 pub use communicator::{Communicator, SingleProcess};
@@ -14,3 +15,4 @@ pub use layout::{Layout, Neighbour, Space};
 pub use part::Part;
 pub use partition::{CutFigures, PartitionError, figures as cut_figures, owners};
 pub use threads::{Crew, RankFailure, ThreadRank, ThreadSettings, crew, on_threads};
+pub use traffic::{Counted, Traffic};

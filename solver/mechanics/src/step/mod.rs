@@ -104,6 +104,8 @@ pub struct StepSettings {
     ///
     /// Source: Magisano, Leonetti and Garcea 2017, Int J Numer Methods Eng 109:1237.
     pub foresee_pressures: bool,
+    /// Whether a beat's step begins where its predecessor's motion and change of pressure lead; otherwise where that ended.
+    pub extrapolate: bool,
     /// Linear solver.
     pub linear: LinearSolver,
     /// Limits of the Krylov method; its tolerance follows from the residual.
@@ -123,6 +125,7 @@ impl Default for StepSettings {
             smallest_volume_ratio: 0.1,
             farthest_mm: f64::INFINITY,
             foresee_pressures: false,
+            extrapolate: true,
             linear: LinearSolver::BlockJacobi,
             krylov: KrylovSettings::default(),
             keep_until: 12,

@@ -1,0 +1,335 @@
+//! One beat of a generated 3D ventricle, with what it costs and what that is made of.
+
+mod measure;
+mod shortcuts;
+mod subject;
+
+use std::fmt;
+
+use cardiotwin_mechanics::organ::{FiniteElementVentricle, RankFigures};
+use cardiotwin_mechanics::step::StepSettings;
+use cardiotwin_units::Ms;
+use serde::Serialize;
+
+pub use measure::Ranks;
+pub use shortcuts::{Shortcut, Shortcuts, shortcuts};
+use subject::Subject;
+
+use crate::process::cpu_s;
+use crate::stop::StopFlag;
+use crate::team::Team;
+
+/// Which elements.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Element {
+    /// Linear with nodal volume change: the workflow's default.
+    Linear,
+    /// Linear with a plain penalty: the paper's.
+    Pointwise,
+}
+
+/// What to compute.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct VentricleBench {
+    /// Nodes of the mesh, about.
+    pub nodes: usize,
+    /// Elements.
+    pub element: Element,
+    /// Length of the beat \[ms\]; kernels and their shares of a beat do not need all of it.
+    pub cycle_ms: f64,
+    /// Time step \[ms\].
+    pub step_ms: f64,
+    /// Relative tolerance of Newton's method.
+    pub tolerance: f64,
+}
+
+/// Nanoseconds of one core a tetrahedron.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct NsPerTet {
+    /// Volume ratios, stretches, nodal pressures.
+    pub deform: f64,
+    /// Forces.
+    pub forces: f64,
+    /// Forces and stiffness, scattered.
+    pub forces_tangent_scatter: f64,
+}
+
+/// Seconds of the beat by what the valves do.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
+pub struct SecondsPerPhase {
+    /// The mitral valve is open.
+    pub filling: f64,
+    /// Both valves are shut before ejection.
+    pub isovolumic_contraction: f64,
+    /// The aortic valve is open.
+    pub ejection: f64,
+    /// Both are shut after it.
+    pub relaxation: f64,
+}
+
+/// Biomarkers of the beat.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
+#[expect(non_snake_case, reason = "the field's names")]
+pub struct BeatBiomarkers {
+    /// Largest pressure.
+    pub P_max_mmHg: Option<f64>,
+    /// Width of the pressure pulse at 10 % of its height.
+    pub PTD90_ms: Option<f64>,
+    /// Largest and smallest slope of pressure.
+    pub dPdt_max_mmHg_per_ms: Option<f64>,
+    /// See above.
+    pub dPdt_min_mmHg_per_ms: Option<f64>,
+    /// Stroke volume.
+    pub SV_mL: Option<f64>,
+}
+
+/// A rank's part of the mesh and of the talk.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[expect(non_snake_case, reason = "units in names")]
+pub struct OfRank {
+    /// Nodes that it owns.
+    pub nodes: u64,
+    /// Nodes of other ranks that it holds.
+    pub ghosts: u64,
+    /// Elements that it computes.
+    pub elements: u64,
+    /// Ranks that it exchanges halos with.
+    pub neighbours: u64,
+    /// Messages with halos that it sends in the beat.
+    pub halo_messages: u64,
+    /// What is in them.
+    pub halo_MB: f64,
+    /// Reductions and broadcasts that it takes part in.
+    pub reductions: u64,
+    /// Largest resident memory of its process, where it has one of its own.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub peak_memory_MB: Option<f64>,
+}
+
+impl OfRank {
+    fn new(figures: &RankFigures, peak_memory_mb: Option<f64>) -> Self {
+        Self {
+            nodes: figures.nodes as u64,
+            ghosts: figures.ghosts as u64,
+            elements: figures.elements as u64,
+            neighbours: figures.neighbours as u64,
+            halo_messages: figures.halo_messages as u64,
+            halo_MB: 1e-6 * figures.halo_bytes,
+            reductions: figures.reductions as u64,
+            peak_memory_MB: peak_memory_mb,
+        }
+    }
+}
+
+/// A beat and its cost.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[expect(non_snake_case, reason = "units in names")]
+pub struct VentricleTiming {
+    /// Nodes.
+    pub nodes: usize,
+    /// Tetrahedra.
+    pub elements: usize,
+    /// Degrees of freedom.
+    pub degrees_of_freedom: usize,
+    /// Kind of element.
+    pub element: Element,
+    /// Ranks: threads, or processes.
+    pub threads: usize,
+    /// Whether the beat reached its end; if not, why and when.
+    pub diverged: Option<String>,
+    /// Conditions of success that the beat does not meet.
+    pub failed_checks: Vec<String>,
+    /// Time steps of the beat.
+    pub steps: usize,
+    /// Steps that failed and were cut.
+    pub steps_cut: usize,
+    /// Wall time of the beat.
+    pub seconds_total: f64,
+    /// Processor time of the beat, all ranks.
+    pub processor_seconds_total: f64,
+    /// Wall time of the beat by phase.
+    pub seconds_per_phase: SecondsPerPhase,
+    /// Wall time of mesh, fibres and activation.
+    pub seconds_mesh: f64,
+    /// Wall time of the inflation to end-diastole, on one rank.
+    pub seconds_inflation: f64,
+    /// Wall time from there to the first step: partition, matrices' patterns.
+    pub seconds_setup: f64,
+    /// Largest resident memory up to the beat's end, of all processes together; of several beats in one run, from the end of
+    /// the one before.
+    pub peak_memory_MB: f64,
+    /// Newton iterations, of all steps tried.
+    pub newton_iterations: usize,
+    /// The same a step.
+    pub newton_per_step: f64,
+    /// Krylov iterations.
+    pub krylov_iterations: usize,
+    /// The same a Newton iteration.
+    pub krylov_per_newton: f64,
+    /// Passes over elements.
+    pub ns_per_tet: NsPerTet,
+    /// An iteration of conjugate gradients, all threads at work.
+    pub ms_per_krylov_iteration: f64,
+    /// What it moves through memory, if caches keep nothing.
+    pub MB_per_krylov_iteration: f64,
+    /// The same a second.
+    pub krylov_GB_per_s: f64,
+    /// The machine's triad on as many threads.
+    pub triad_GB_per_s: f64,
+    /// Time of an iteration over what the triad would need for its bytes.
+    pub krylov_over_bandwidth_bound: f64,
+    /// Elements that the rank with most computes, over an equal share: what unequal parts cost, and elements at cuts, which
+    /// several ranks compute.
+    pub elements_of_fullest_rank_over_share: f64,
+    /// What each rank holds, and what it sends in the beat.
+    pub ranks: Vec<OfRank>,
+    /// Biomarkers.
+    pub biomarkers: BeatBiomarkers,
+    /// The processor.
+    pub processor: String,
+}
+
+/// Why there is nothing to measure.
+#[derive(Debug, thiserror::Error)]
+#[error("{what}")]
+pub struct BenchError {
+    what: &'static str,
+    source: Box<dyn std::error::Error + Send + Sync>,
+}
+
+fn failed<E: std::error::Error + Send + Sync + 'static>(what: &'static str) -> impl FnOnce(E) -> BenchError {
+    move |error| BenchError { what, source: Box::new(error) }
+}
+
+/// Runs the beat on each of `counts` threads, or on a team of processes, and measures; `report` is told of what begins and how
+/// far the beat is.
+///
+/// # Errors
+/// [`BenchError`] for a mesh that cannot be made, a ventricle without an end-diastole, or when `stop` is raised.
+pub fn ventricle(
+    bench: &VentricleBench,
+    counts: &[Ranks<'_>],
+    stop: &StopFlag,
+    mut report: impl FnMut(&str),
+) -> Result<Vec<VentricleTiming>, BenchError> {
+    let team = counts.iter().find_map(|ranks| if let Ranks::Team(team) = ranks { Some(*team) } else { None });
+    let subject = Subject::new(bench.nodes, bench.element, team, &mut report)?;
+    let mut found = vec![];
+    for ranks in counts {
+        if !found.is_empty() {
+            measure::anew();
+        }
+        found.push(measure::measure(&subject, bench, *ranks, stop, &mut report)?);
+    }
+    Ok(found)
+}
+
+/// Helps rank 0 of `team`, which calls [`ventricle`] with the same `bench`.
+///
+/// # Errors
+/// [`BenchError`] of this rank.
+pub fn follow(bench: &VentricleBench, team: &Team) -> Result<(), BenchError> {
+    let subject = Subject::new(bench.nodes, bench.element, Some(team), |_| {})?;
+    let cpu = cpu_s();
+    let settings = StepSettings { relative_tolerance: bench.tolerance, ..StepSettings::default() };
+    let parts = subject.parts(Ms(bench.cycle_ms), settings)?;
+    FiniteElementVentricle::serve(parts, team.comm()).map_err(failed("no ventricle"))?;
+    measure::costs(Ranks::Team(team), cpu_s() - cpu);
+    Ok(())
+}
+
+/// What is printed of beats on several numbers of ranks: the last against the first, too. JSON is an object of one beat, or of
+/// several a list `beats` with `speedup`, the first one's time over that of each.
+///
+/// # Errors
+/// None: figures are JSON.
+pub fn told(timings: &[VentricleTiming], json: bool) -> serde_json::Result<String> {
+    let first = timings.first().map_or(f64::NAN, |timing| timing.seconds_total);
+    let speedup: Vec<f64> = timings.iter().map(|timing| first / timing.seconds_total).collect();
+    if json {
+        let text = match timings {
+            [one] => serde_json::to_string(one)?,
+            several => serde_json::to_string(&serde_json::json!({ "beats": several, "speedup": speedup }))?,
+        };
+        return Ok(text + "\n");
+    }
+    let mut text = String::new();
+    for (timing, speedup) in timings.iter().zip(&speedup) {
+        text += &format!("{timing}\n");
+        if timings.len() > 1 {
+            text += &format!("{} ranks against {}: {speedup:.2} times as fast\n\n", timing.threads, timings[0].threads);
+        }
+    }
+    Ok(text)
+}
+
+impl fmt::Display for VentricleTiming {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (phases, tet, found) = (&self.seconds_per_phase, &self.ns_per_tet, &self.biomarkers);
+        writeln!(f, "{} nodes, {} tetrahedra ({:?}), {} ranks", self.nodes, self.elements, self.element, self.threads)?;
+        if let Some(diverged) = &self.diverged {
+            writeln!(f, "diverged {diverged}")?;
+        }
+        self.failed_checks.iter().try_for_each(|check| writeln!(f, "failed: {check}"))?;
+        writeln!(
+            f,
+            "beat: {:.1} s, {:.1} s of processor time; {} steps, {} cut; {:.2} Newton iterations a step, {:.1} Krylov iterations each",
+            self.seconds_total,
+            self.processor_seconds_total,
+            self.steps,
+            self.steps_cut,
+            self.newton_per_step,
+            self.krylov_per_newton
+        )?;
+        writeln!(
+            f,
+            "phases: filling {:.1} s, isovolumic contraction {:.1} s, ejection {:.1} s, relaxation {:.1} s",
+            phases.filling, phases.isovolumic_contraction, phases.ejection, phases.relaxation
+        )?;
+        writeln!(
+            f,
+            "before: mesh {:.1} s, inflation {:.1} s, set-up {:.1} s; peak memory {:.0} MB",
+            self.seconds_mesh, self.seconds_inflation, self.seconds_setup, self.peak_memory_MB
+        )?;
+        writeln!(
+            f,
+            "ns a tetrahedron and rank: deform {:.0}, forces {:.0}, forces, tangent and scatter {:.0}",
+            tet.deform, tet.forces, tet.forces_tangent_scatter
+        )?;
+        writeln!(
+            f,
+            "Krylov iteration: {:.3} ms, {:.1} MB, {:.1} GB/s; triad {:.1} GB/s: {:.2} times its time",
+            self.ms_per_krylov_iteration,
+            self.MB_per_krylov_iteration,
+            self.krylov_GB_per_s,
+            self.triad_GB_per_s,
+            self.krylov_over_bandwidth_bound
+        )?;
+        if self.ranks.len() > 1 {
+            let of = |what: fn(&OfRank) -> f64| {
+                let all = || self.ranks.iter().map(what);
+                (all().sum::<f64>() / self.ranks.len() as f64, all().fold(0.0, f64::max))
+            };
+            let (messages, most_messages) = of(|r| r.halo_messages as f64);
+            let (sent, most_sent) = of(|r| r.halo_MB);
+            let (ghosts, most_ghosts) = of(|r| r.ghosts as f64);
+            writeln!(
+                f,
+                "a rank, mean and most: {ghosts:.0} and {most_ghosts:.0} ghosts, {messages:.0} and {most_messages:.0} halos sent, \
+                 {sent:.1} and {most_sent:.1} MB in them; {} reductions; elements of the fullest rank {:.3} of an equal share",
+                self.ranks[0].reductions, self.elements_of_fullest_rank_over_share
+            )?;
+        }
+        let shown = |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |value| format!("{value:.4}"));
+        write!(
+            f,
+            "P_max {} mmHg, PTD90 {} ms, dPdt_max {} and dPdt_min {} mmHg/ms, SV {} mL",
+            shown(found.P_max_mmHg),
+            shown(found.PTD90_ms),
+            shown(found.dPdt_max_mmHg_per_ms),
+            shown(found.dPdt_min_mmHg_per_ms),
+            shown(found.SV_mL)
+        )
+    }
+}

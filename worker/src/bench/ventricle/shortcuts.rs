@@ -1,0 +1,157 @@
+//! What each shortcut of the time steps saves, and what it moves: beats beside a tight one.
+
+use std::fmt;
+
+use cardiotwin_mechanics::newton::LinearSolver;
+use cardiotwin_mechanics::step::StepSettings;
+use serde::Serialize;
+
+use super::measure::{Beat, Ranks, beat};
+use super::subject::Subject;
+use super::{BeatBiomarkers, BenchError, VentricleBench};
+use crate::stop::StopFlag;
+
+/// Tolerance of the tight run.
+const TIGHT: f64 = 1e-8;
+
+/// A way to run the beat.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Shortcut {
+    /// What differs from the default.
+    pub name: String,
+    /// Wall time of the beat.
+    pub seconds: f64,
+    /// Newton iterations a step.
+    pub newton_per_step: f64,
+    /// Krylov iterations a step.
+    pub krylov_per_step: f64,
+    /// Why it did not reach its end.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub diverged: Option<String>,
+    /// Biomarkers.
+    pub biomarkers: BeatBiomarkers,
+    /// Differences of the biomarkers from the tight run's \[%\], in their order.
+    pub off_percent: [Option<f64>; 5],
+}
+
+/// All of them, the tight run first.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Shortcuts {
+    /// Nodes.
+    pub nodes: usize,
+    /// Tetrahedra.
+    pub elements: usize,
+    /// Threads; a factorisation and multigrid take one.
+    pub threads: usize,
+    /// Rows.
+    pub rows: Vec<Shortcut>,
+}
+
+fn off(found: &BeatBiomarkers, tight: &BeatBiomarkers) -> [Option<f64>; 5] {
+    let of = |b: &BeatBiomarkers| [b.P_max_mmHg, b.PTD90_ms, b.dPdt_max_mmHg_per_ms, b.dPdt_min_mmHg_per_ms, b.SV_mL];
+    let (found, tight) = (of(found), of(tight));
+    std::array::from_fn(|k| Some(100.0 * (found[k]? / tight[k]? - 1.0)))
+}
+
+/// What is told of a way: its settings, the time step over the default one, and whether the solver forgets after each step.
+type Way = (&'static str, StepSettings, f64, bool);
+
+fn ways(tolerance: f64) -> Vec<Way> {
+    let usual = StepSettings { relative_tolerance: tolerance, ..StepSettings::default() };
+    let tight = StepSettings { relative_tolerance: TIGHT, linear: LinearSolver::Direct, max_iterations: 40, ..usual };
+    vec![
+        ("tight: tolerance 1e-8, double precision, factorised", tight, 1.0, false),
+        ("default", usual, 1.0, false),
+        ("Newton's tolerance 1e-6", StepSettings { relative_tolerance: 1e-6, ..usual }, 1.0, false),
+        ("Newton's tolerance 1e-3", StepSettings { relative_tolerance: 1e-3, ..usual }, 1.0, false),
+        ("no predictor", StepSettings { extrapolate: false, ..usual }, 1.0, false),
+        ("solves begin at zero, not at the last response", usual, 1.0, true),
+        (
+            "matrix in double precision, symmetric sweep",
+            StepSettings { linear: LinearSolver::SymmetricSweep, ..usual },
+            1.0,
+            false,
+        ),
+        ("multigrid", StepSettings { linear: LinearSolver::Multigrid, ..usual }, 1.0, false),
+        ("factorised, kept while it serves", StepSettings { linear: LinearSolver::Direct, ..usual }, 1.0, false),
+        (
+            "factorised anew each iteration",
+            StepSettings { linear: LinearSolver::Direct, keep_until: 1, ..usual },
+            1.0,
+            false,
+        ),
+        ("steps twice as long", usual, 2.0, false),
+    ]
+}
+
+/// Runs them one after the other.
+///
+/// # Errors
+/// As for [`super::ventricle`].
+pub fn shortcuts(
+    bench: &VentricleBench,
+    threads: usize,
+    stop: &StopFlag,
+    mut report: impl FnMut(&str),
+) -> Result<Shortcuts, BenchError> {
+    let subject = Subject::new(bench.nodes, bench.element, None, &mut report)?;
+    let mut rows: Vec<Shortcut> = vec![];
+    for (name, settings, longer, forgets) in ways(bench.tolerance) {
+        report(name);
+        let bench = VentricleBench { step_ms: longer * bench.step_ms, ..*bench };
+        let ranks = Ranks::Threads(if settings.linear == LinearSolver::BlockJacobi { threads } else { 1 });
+        let Beat { ventricle, seconds_total, diverged, biomarkers, .. } =
+            beat(&subject, &bench, settings, ranks, stop, |ventricle, _| {
+                if forgets {
+                    ventricle.forget_solver();
+                }
+            })?;
+        let work = ventricle.work();
+        let steps = work.steps.max(1) as f64;
+        let off_percent = off(&biomarkers, rows.first().map_or(&biomarkers, |tight| &tight.biomarkers));
+        rows.push(Shortcut {
+            name: name.to_owned(),
+            seconds: seconds_total,
+            newton_per_step: work.newton_iterations as f64 / steps,
+            krylov_per_step: work.krylov_iterations as f64 / steps,
+            diverged,
+            biomarkers,
+            off_percent,
+        });
+    }
+    Ok(Shortcuts { nodes: subject.nodes, elements: subject.elements, threads, rows })
+}
+
+impl fmt::Display for Shortcuts {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(
+            f,
+            "{} nodes, {} tetrahedra; {} threads where the solver has several",
+            self.nodes, self.elements, self.threads
+        )?;
+        writeln!(
+            f,
+            "{:<52} {:>8} {:>7} {:>7}   {:>8} {:>8} {:>8} {:>8} {:>8}",
+            "", "s", "Newton", "Krylov", "P_max", "PTD90", "dPdt_max", "dPdt_min", "SV"
+        )?;
+        writeln!(f, "{:<52} {:>8} {:>7} {:>7}   {:>8}", "", "", "a step", "a step", "% off the tight run")?;
+        for row in &self.rows {
+            write!(
+                f,
+                "{:<52} {:>8.1} {:>7.2} {:>7.1}  ",
+                row.name, row.seconds, row.newton_per_step, row.krylov_per_step
+            )?;
+            for off in row.off_percent {
+                match off {
+                    Some(off) => write!(f, " {off:>8.4}")?,
+                    None => write!(f, " {:>8}", "-")?,
+                }
+            }
+            match &row.diverged {
+                Some(why) => writeln!(f, "  diverged {why}")?,
+                None => writeln!(f)?,
+            }
+        }
+        Ok(())
+    }
+}
