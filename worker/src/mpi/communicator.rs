@@ -1,6 +1,6 @@
 //! The communicator of MPI ranks.
 //!
-//! Nothing here blocks inside MPI: a rank that waits looks again and again, yields its core to others, and ends all ranks
+//! Nothing here blocks inside MPI: a rank that waits looks again and again, leaves its core to others, and ends all ranks
 //! when another one lets it wait for longer than the patience.
 
 use std::sync::{Arc, Mutex, PoisonError};
@@ -26,8 +26,9 @@ const KINDS: Tag = 8;
 /// Ranks that may share processes: their pairs and kinds of messages make up the smallest range of tags that MPI allows.
 pub const MOST_SHARING: usize = 63;
 
-/// How often a rank that waits looks before it yields its core.
-const SPINS: usize = 200;
+/// How long a rank that waits looks again and again, where each has a core of its own; then it naps in between.
+const SPIN: Duration = Duration::from_micros(100);
+const SHORT_NAP: Duration = Duration::from_micros(20);
 /// A rank that waits for an order for so long looks only now and then.
 const WAKEFUL: Duration = Duration::from_millis(200);
 const NAP: Duration = Duration::from_millis(2);
@@ -38,6 +39,7 @@ pub struct MpiRank {
     rank: usize,
     n_ranks: usize,
     per_process: usize,
+    spin: Duration,
     patience: Duration,
     failures: Arc<Failures>,
     /// Letters to and from neighbours, kept from halo to halo.
@@ -57,10 +59,16 @@ fn world() -> SimpleCommunicator {
 
 impl MpiRank {
     /// The `k`th of this process's `per_process` ranks; MPI is initialised for so many threads.
-    pub fn new(k: usize, per_process: usize, patience: Duration, failures: Arc<Failures>) -> Self {
+    pub fn new(
+        (k, per_process): (usize, usize),
+        has_own_core: bool,
+        patience: Duration,
+        failures: Arc<Failures>,
+    ) -> Self {
         let (process, n_processes) = (world().rank() as usize, world().size() as usize);
         let (rank, n_ranks) = (process * per_process + k, n_processes * per_process);
-        Self { rank, n_ranks, per_process, patience, failures, letters: Mutex::default() }
+        let spin = if has_own_core { SPIN } else { Duration::ZERO };
+        Self { rank, n_ranks, per_process, spin, patience, failures, letters: Mutex::default() }
     }
 
     fn process(&self, rank: usize) -> i32 {
@@ -74,25 +82,21 @@ impl MpiRank {
 
     /// Looks until there is something.
     fn until<T>(&self, wait: Wait<'_>, mut look: impl FnMut() -> Option<T>) -> T {
-        for _ in 0..SPINS {
+        let begun = Instant::now();
+        loop {
             if let Some(found) = look() {
                 return found;
             }
-        }
-        let begun = Instant::now();
-        loop {
-            for _ in 0..SPINS {
-                if let Some(found) = look() {
-                    return found;
-                }
-            }
+            let waited = begun.elapsed();
             match wait {
-                Wait::For(what, rank) if begun.elapsed() > self.patience => {
+                _ if waited < self.spin => std::hint::spin_loop(),
+                Wait::For(what, rank) if waited > self.patience => {
                     let seconds = self.patience.as_secs_f64();
                     self.failures.end(&format!("no progress: waited {seconds} s for {what} of rank {rank}"));
                 }
-                Wait::Order if begun.elapsed() > WAKEFUL => thread::sleep(NAP),
-                _ => thread::yield_now(),
+                Wait::Order if waited > WAKEFUL => thread::sleep(NAP),
+                // Whom this rank waits for may need this core.
+                _ => thread::sleep(SHORT_NAP),
             }
         }
     }

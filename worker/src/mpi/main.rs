@@ -156,7 +156,10 @@ fn main() -> ExitCode {
     let failures = Arc::new(Failures { rank, n_ranks, directory });
     failures.on_panic();
     let patience = Duration::try_from_secs_f64(ranks.patience).unwrap_or(Duration::MAX);
-    let team = |k| Team::new(Arc::new(MpiRank::new(k, per_process, patience, Arc::clone(&failures))));
+    let on_this_node = universe.world().split_shared(0).size() as usize * per_process;
+    let has_own_core = std::thread::available_parallelism().is_ok_and(|cores| on_this_node <= cores.get());
+    let rank_of = |k| MpiRank::new((k, per_process), has_own_core, patience, Arc::clone(&failures));
+    let team = |k| Team::new(Arc::new(rank_of(k)));
     let help = |team: &Team| {
         if let Command::Check { json, fail, .. } = &cli.command {
             return check::check(team.comm().as_ref(), *fail, *json, &failures);
