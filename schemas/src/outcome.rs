@@ -211,6 +211,9 @@ pub struct Step1ProposalResult {
     pub predicted: Biomarkers,
     /// Their cost.
     pub predicted_cost: f64,
+    /// Their misfit, by the weights of step 1.
+    #[serde(default)]
+    pub predicted_misfit: f64,
     /// The iteration, from 1, at which the correction is exact; absent where there was none of use.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub from_iteration: Option<u32>,

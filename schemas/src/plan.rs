@@ -127,6 +127,7 @@ impl ResolvedPatient {
             runs,
             bounds: step1.bounds.clone(),
             frozen: step1.frozen.clone(),
+            weights: step1.weights.clone(),
             seed: PROPOSAL_SEED,
         }
     }

@@ -156,6 +156,10 @@ pub struct Step1Settings {
     pub stall_improvement: f64,
     /// Parameters that stay at their initial value: keys of `bounds`.
     pub frozen: Vec<String>,
+    /// Weights of the squared relative differences of the biomarkers (keys: `P_max_mmHg`, `dPdt_max_mmHg_per_ms`,
+    /// `dPdt_min_mmHg_per_ms`, `PTD90_ms`, `tau_VD_ms`, `tau_VR_ms`, `SV_mL`) in what space mapping lowers and in its choice
+    /// of the best iteration. The cost has none: every weight is 1 there, that of `SV_mL` 0.
+    pub weights: BTreeMap<String, f64>,
     /// First guess of the Tanh model.
     pub initial: TanhParameters,
     /// First guess of the valves.
@@ -169,6 +173,10 @@ pub struct Step1Settings {
 pub const STEP1_PARAMETERS: [&str; 6] =
     ["Smax_ref_kPa", "tau_SR_ref_ms", "tau_SD_ms", "t_CR_ms", "R_AV_f_mmHg_s_per_mL", "R_MV_f_mmHg_s_per_mL"];
 
+/// The biomarkers of step 1: those of the cost, then stroke volume.
+pub const STEP1_BIOMARKERS: [&str; 7] =
+    ["P_max_mmHg", "dPdt_max_mmHg_per_ms", "dPdt_min_mmHg_per_ms", "PTD90_ms", "tau_VD_ms", "tau_VR_ms", "SV_mL"];
+
 impl Default for Step1Settings {
     fn default() -> Self {
         Self {
@@ -180,6 +188,9 @@ impl Default for Step1Settings {
             stall_iterations: 3,
             stall_improvement: 0.05,
             frozen: Vec::new(),
+            // Duration of the pressure and stroke volume are what a clinic reads; tau_VD is a slope that organs of simple
+            // shape meet by a narrow valve alone (docs/step1.md).
+            weights: [("PTD90_ms", 20.0), ("SV_mL", 1.0), ("tau_VD_ms", 0.2)].map(|(k, w)| (k.to_owned(), w)).into(),
             initial: TanhParameters::default(),
             valves: ValveParameters::default(),
             // Wide enough never to bind in a sane fit; the resistance floors are those of the paper's Table A6.

@@ -73,8 +73,8 @@ impl TaskSpec {
     pub fn model_version(&self) -> u32 {
         match self {
             Self::CellFit(_) => 3,
-            Self::Discover(_) | Self::PassiveState(_) => 3,
-            Self::OrganBeat(_) | Self::Step1Proposal(_) => 2,
+            Self::Discover(_) | Self::PassiveState(_) | Self::Step1Proposal(_) => 3,
+            Self::OrganBeat(_) => 2,
             Self::Targets(_) | Self::CellSweep(_) | Self::Noop(_) => 1,
         }
     }
@@ -221,6 +221,9 @@ pub struct Step1ProposalSpec {
     pub bounds: BTreeMap<String, [f64; 2]>,
     /// Parameters that stay at their initial value.
     pub frozen: Vec<String>,
+    /// Weights of the squared relative differences that are to be lowered, where they are not those of the cost: 1, and 0
+    /// for `SV_mL`.
+    pub weights: BTreeMap<String, f64>,
     /// Seed of the points from which the optimum is sought.
     pub seed: u64,
 }
@@ -235,9 +238,9 @@ pub struct Step1Run {
     pub biomarkers: Option<Biomarkers>,
     /// Whether both valves opened and closed.
     pub whole_beat: bool,
-    /// What the proposal that led to it promised.
+    /// The misfit that the proposal which led to it promised.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub predicted_cost: Option<f64>,
+    pub predicted_misfit: Option<f64>,
 }
 
 /// Median nodal traces and step 2's targets from an organ simulation's nodal traces.

@@ -1,6 +1,6 @@
 //! Between the schemas' step 1 and calibrate's: names and units agree, only the types differ.
 
-use cardiotwin_calibrate::fixed_point::{Biomarkers as Calibrated, Settings};
+use cardiotwin_calibrate::fixed_point::{Biomarker, Biomarkers as Calibrated, Settings, Weights};
 use cardiotwin_calibrate::fixed_point::{Bounds, Outcome, PARAMETERS, Parameter, Parameters};
 use cardiotwin_schemas::biomarkers::Biomarkers;
 use cardiotwin_schemas::organ::Step1Parameters;
@@ -17,6 +17,7 @@ pub fn biomarkers(b: &Biomarkers) -> Calibrated {
         ptd90_ms: b.ptd90_ms,
         tau_vd_ms: b.tau_vd_ms,
         tau_vr_ms: b.tau_vr_ms,
+        sv_ml: b.sv_ml,
     }
 }
 
@@ -30,6 +31,7 @@ pub fn to_schema(b: &Calibrated) -> Biomarkers {
         ptd90_ms: b.ptd90_ms,
         tau_vd_ms: b.tau_vd_ms,
         tau_vr_ms: b.tau_vr_ms,
+        sv_ml: b.sv_ml,
         ..Biomarkers::default()
     }
 }
@@ -41,7 +43,7 @@ pub fn told(b: &Biomarkers, whole_beat: bool) -> Outcome {
     if whole_beat {
         Outcome::Simulated(found)
     } else {
-        Outcome::NoWholeBeat(Calibrated { tau_vd_ms: None, tau_vr_ms: None, ..found })
+        Outcome::NoWholeBeat(Calibrated { tau_vd_ms: None, tau_vr_ms: None, sv_ml: None, ..found })
     }
 }
 
@@ -68,9 +70,9 @@ pub fn with(start: &Step1Parameters, p: &Parameters) -> Step1Parameters {
     start.with_updated(PARAMETERS.map(|parameter| p.get(parameter)))
 }
 
-/// Bounds and frozen parameters by name; names that are none are left out, as the coordinator has refused them.
+/// Bounds, frozen parameters and weights by name; names that are none are left out, as the coordinator has refused them.
 #[must_use]
-pub fn limits(bounds: &BTreeMap<String, [f64; 2]>, frozen: &[String]) -> Settings {
+pub fn settings(bounds: &BTreeMap<String, [f64; 2]>, frozen: &[String], weights: &BTreeMap<String, f64>) -> Settings {
     let named = |name: &String| PARAMETERS.into_iter().find(|parameter: &Parameter| parameter.key() == name);
     let bound = |(name, [lower, upper]): (&String, &[f64; 2])| {
         // A proposal takes logarithms.
@@ -79,6 +81,9 @@ pub fn limits(bounds: &BTreeMap<String, [f64; 2]>, frozen: &[String]) -> Setting
     Settings {
         bounds: bounds.iter().filter_map(bound).collect(),
         frozen: frozen.iter().filter_map(named).collect(),
+        weights: Biomarker::ALL.into_iter().fold(Weights::default(), |all, biomarker| {
+            weights.get(biomarker.key()).map_or(all, |weight| all.with(biomarker, *weight))
+        }),
         ..Settings::default()
     }
 }

@@ -2,7 +2,9 @@
 
 mod support;
 
-use cardiotwin_calibrate::fixed_point::{self, Cost, Decision, History, Outcome};
+use std::collections::BTreeMap;
+
+use cardiotwin_calibrate::fixed_point::{self, Biomarker, Cost, Decision, History, Outcome};
 use cardiotwin_models::ventricle::OneFibrePassive;
 use cardiotwin_schemas::failure::FailureClass;
 use cardiotwin_schemas::finite_element::{FiniteElementOrgan, VentricleFigures};
@@ -20,6 +22,8 @@ use cardiotwin_worker::tasks::run_task;
 struct Patient {
     cycle_length_ms: f64,
     state: PassiveStateResult,
+    /// None: those of the cost.
+    weights: BTreeMap<String, f64>,
 }
 
 impl Patient {
@@ -27,7 +31,7 @@ impl Patient {
         let scratch = tempfile::tempdir().unwrap();
         let spec = support::step0(id);
         let state = support::passive_state(&spec, &mut Context::plain(scratch.path(), 1));
-        Self { cycle_length_ms: spec.cycle_length_ms, state }
+        Self { cycle_length_ms: spec.cycle_length_ms, state, weights: BTreeMap::new() }
     }
 
     fn beat(&self, p: &Step1Parameters) -> OrganBeatSpec {
@@ -68,6 +72,7 @@ impl Patient {
             runs: runs.to_vec(),
             bounds: settings.bounds,
             frozen: settings.frozen,
+            weights: self.weights.clone(),
             seed: 1,
         }
     }
@@ -88,7 +93,7 @@ impl Patient {
         }
     }
 
-    fn space_mapping(&self, n: usize, differs: bool) -> Vec<f64> {
+    fn outcomes(&self, n: usize, differs: bool) -> Vec<Outcome> {
         let mut runs = Vec::new();
         (0..n)
             .map(|_| {
@@ -101,11 +106,15 @@ impl Patient {
                         Outcome::Failed => None,
                     },
                     whole_beat: matches!(outcome, Outcome::Simulated(_)),
-                    predicted_cost: Some(proposal.predicted_cost),
+                    predicted_misfit: Some(proposal.predicted_misfit),
                 });
-                self.cost(&outcome)
+                outcome
             })
             .collect()
+    }
+
+    fn space_mapping(&self, n: usize, differs: bool) -> Vec<f64> {
+        self.outcomes(n, differs).iter().map(|outcome| self.cost(outcome)).collect()
     }
 
     fn fixed_point(&self, n: usize) -> Vec<f64> {
@@ -157,6 +166,24 @@ fn space_mapping_needs_fewer_simulations_than_the_fixed_point_for_every_patient(
         assert!(no_later(m1, f1) && no_later(m2, f2), "{id}: {mapped:?} against {fixed:?}");
         let best = |costs: &[f64]| costs.iter().copied().fold(f64::INFINITY, f64::min);
         assert!(best(&mapped) < best(&fixed), "{id}: {mapped:?} against {fixed:?}");
+    }
+}
+
+#[test]
+fn weights_lead_to_what_they_weigh() {
+    let off = |patient: &Patient, key: &str| {
+        let Outcome::Simulated(found) = patient.outcomes(4, true)[3] else { panic!() };
+        let biomarker = Biomarker::ALL.into_iter().find(|b| b.key() == key).unwrap();
+        let clinical = step1::biomarkers(&patient.state.measured).get(biomarker).unwrap();
+        (found.get(biomarker).unwrap() / clinical - 1.0).abs()
+    };
+    let mut patient = Patient::new("06-CoA");
+    for (key, weight) in [("SV_mL", 50.0), ("PTD90_ms", 50.0)] {
+        patient.weights = BTreeMap::new();
+        let without = off(&patient, key);
+        patient.weights = [(key.to_owned(), weight)].into();
+        let with = off(&patient, key);
+        assert!(with < 0.5 * without, "{key}: {with} with its weight, {without} without");
     }
 }
 

@@ -70,7 +70,7 @@ impl Decider {
         let layer = settings::merged(&self.overrides(world, i)?, overrides).map_err(unread)?;
         let given: ResolvedPatient = serde_json::from_str(&world.patients[i].plan_row.given).map_err(unread)?;
         let plan = settings::plan(&given, &layer).map_err(|error| bad(format!("settings of {name}: {error}")))?;
-        step1::settings(&plan.settings.step1)
+        step1::settings(&plan.settings.step1, plan.settings.step1_update())
             .and_then(|s| s.validate().map_err(|error| error.to_string()))
             .map_err(|error| bad(format!("settings of {name}: {error}")))?;
         let mut changes = Vec::new();

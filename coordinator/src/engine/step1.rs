@@ -3,12 +3,12 @@
 use std::collections::BTreeMap;
 
 use cardiotwin_calibrate::fixed_point::{
-    self, Bounds, Cost, Damping, Outcome, PARAMETERS, Parameter, Parameters, Settings, Stop,
+    self, Biomarker, Bounds, Cost, Damping, Outcome, PARAMETERS, Parameter, Parameters, Settings, Stop, Weights,
 };
 use cardiotwin_schemas::biomarkers::Biomarkers;
 use cardiotwin_schemas::organ::Step1Parameters;
 use cardiotwin_schemas::outcome::OrganBeatResult;
-use cardiotwin_schemas::settings::{Step1Settings, StopRule};
+use cardiotwin_schemas::settings::{Step1Settings, StopRule, Update};
 
 /// The biomarkers that step 1 looks at.
 pub fn biomarkers(b: &Biomarkers) -> fixed_point::Biomarkers {
@@ -19,6 +19,7 @@ pub fn biomarkers(b: &Biomarkers) -> fixed_point::Biomarkers {
         ptd90_ms: b.ptd90_ms,
         tau_vd_ms: b.tau_vd_ms,
         tau_vr_ms: b.tau_vr_ms,
+        sv_ml: b.sv_ml,
     }
 }
 
@@ -31,6 +32,7 @@ pub fn of_step1(b: &Biomarkers) -> Biomarkers {
         ptd90_ms: b.ptd90_ms,
         tau_vd_ms: b.tau_vd_ms,
         tau_vr_ms: b.tau_vr_ms,
+        sv_ml: b.sv_ml,
         ..Biomarkers::default()
     }
 }
@@ -40,7 +42,9 @@ pub fn outcome(beat: &OrganBeatResult) -> Outcome {
     let found = biomarkers(&beat.biomarkers);
     match beat.failed_valve() {
         None => Outcome::Simulated(found),
-        Some(_) => Outcome::NoWholeBeat(fixed_point::Biomarkers { tau_vd_ms: None, tau_vr_ms: None, ..found }),
+        Some(_) => {
+            Outcome::NoWholeBeat(fixed_point::Biomarkers { tau_vd_ms: None, tau_vr_ms: None, sv_ml: None, ..found })
+        }
     }
 }
 
@@ -65,8 +69,8 @@ fn named(name: &str) -> Result<Parameter, String> {
     })
 }
 
-/// Step 1's settings for the fixed point, or what is wrong with them.
-pub fn settings(s: &Step1Settings) -> Result<Settings, String> {
+/// Step 1's settings for the loop, or what is wrong with them. Only space mapping has weights.
+pub fn settings(s: &Step1Settings, update: Update) -> Result<Settings, String> {
     let bounds =
         s.bounds.iter().map(|(name, [lower, upper])| Ok((named(name)?, Bounds { lower: *lower, upper: *upper })));
     Ok(Settings {
@@ -81,6 +85,23 @@ pub fn settings(s: &Step1Settings) -> Result<Settings, String> {
             StopRule::FirstConverged => Stop::FirstConverged,
             StopRule::BestOfLimit => Stop::BestOfLimit,
         },
+        weights: match update {
+            Update::SpaceMapping => weights(&s.weights)?,
+            Update::Auto | Update::FixedPoint => Weights::default(),
+        },
+    })
+}
+
+fn weights(given: &BTreeMap<String, f64>) -> Result<Weights, String> {
+    given.iter().try_fold(Weights::default(), |weights, (name, weight)| {
+        let found = Biomarker::ALL.into_iter().find(|biomarker| biomarker.key() == name);
+        let biomarker = found.ok_or_else(|| {
+            format!(
+                "step1.weights names biomarker {name}; expected one of {}",
+                Biomarker::ALL.map(Biomarker::key).join(", ")
+            )
+        })?;
+        Ok(weights.with(biomarker, *weight))
     })
 }
 
@@ -92,11 +113,12 @@ pub fn relative_differences(cost: &Cost) -> BTreeMap<String, f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use cardiotwin_schemas::settings::STEP1_PARAMETERS;
+    use cardiotwin_schemas::settings::{STEP1_BIOMARKERS, STEP1_PARAMETERS};
 
     #[test]
     fn both_sides_mean_the_same_six_in_the_same_order() {
         assert_eq!(PARAMETERS.map(Parameter::key), STEP1_PARAMETERS);
+        assert_eq!(Biomarker::ALL.map(Biomarker::key), STEP1_BIOMARKERS);
         let start = Step1Parameters::default();
         assert_eq!(values(&parameters(&start)), start.updated());
     }
@@ -105,8 +127,12 @@ mod tests {
     fn an_unknown_name_is_told_with_the_known_ones() {
         let mut wrong = Step1Settings::default();
         wrong.frozen.push("tau_XX".into());
-        let message = settings(&wrong).unwrap_err();
+        let message = settings(&wrong, Update::FixedPoint).unwrap_err();
         assert!(message.contains("tau_XX") && message.contains("tau_SR_ref_ms"), "{message}");
-        settings(&Step1Settings::default()).unwrap().validate().unwrap();
+        settings(&Step1Settings::default(), Update::FixedPoint).unwrap().validate().unwrap();
+        let mut wrong = Step1Settings::default();
+        wrong.weights.insert("SV".into(), 1.0);
+        let message = settings(&wrong, Update::SpaceMapping).unwrap_err();
+        assert!(message.contains("SV;") && message.contains("SV_mL"), "{message}");
     }
 }

@@ -15,7 +15,9 @@ use cardiotwin_schemas::finite_element::Electrophysiology;
 use cardiotwin_schemas::hash::sha256_hex;
 use cardiotwin_schemas::ids::TaskKey;
 use cardiotwin_schemas::organ::{BeatCount, ContractionSpec, OrganSpec, Step1Parameters, ValveParameters};
-use cardiotwin_schemas::outcome::{Artefact, CellFitResult, PassiveStateResult, TargetsResult, TaskResult};
+use cardiotwin_schemas::outcome::{
+    Artefact, CellFitResult, PassiveStateResult, Step1ProposalResult, TargetsResult, TaskResult,
+};
 use cardiotwin_schemas::plan::{ResolvedPatient, Workflow};
 use cardiotwin_schemas::record::{StallReason, Step1Quality, Step1Summary};
 use cardiotwin_schemas::settings::Update;
@@ -188,7 +190,8 @@ impl<'a> Derivation<'a, '_> {
         let measured = step1::biomarkers(&step0.measured);
         let start = Step1Parameters { tanh: settings.initial, valves: settings.valves };
         let invalid = |number, message| broken(Step { stage: Stage::Step1, number }, FailureClass::Input, message);
-        let fixed_settings = step1::settings(settings).map_err(|message| invalid(1, message))?;
+        let fixed_settings =
+            step1::settings(settings, self.plan.settings.step1_update()).map_err(|message| invalid(1, message))?;
         let mut history = fixed_point::History::new(step1::parameters(&start));
         let mut runs: Vec<Result<Published<'a>, Failure>> = Vec::new();
         for parameters in self.carried {
@@ -245,7 +248,7 @@ impl<'a> Derivation<'a, '_> {
                 _ => None,
             },
             whole_beat: run.is_ok() && !iteration.no_whole_beat,
-            predicted_cost: self.chain.proposal(number).map(|proposal| proposal.predicted_cost),
+            predicted_misfit: self.chain.proposal(number).map(|proposal| proposal.predicted_misfit),
         });
         let told = told.collect();
         let spec = self.plan.step1_proposal_spec(step0, start, told);
@@ -255,8 +258,13 @@ impl<'a> Derivation<'a, '_> {
             Err(next) => return Err(next),
         };
         let TaskResult::Step1Proposal(result) = done.result else { return Err(wrong_kind(step, done.result)) };
-        let predicted_cost = result.predicted_cost;
-        self.chain.proposals.push(ChainProposal { iteration: number, task: done.key, predicted_cost });
+        let Step1ProposalResult { predicted_cost, predicted_misfit, .. } = *result;
+        self.chain.proposals.push(ChainProposal {
+            iteration: number,
+            task: done.key,
+            predicted_cost,
+            predicted_misfit,
+        });
         Ok(Some(step1::parameters(&result.parameters)))
     }
 

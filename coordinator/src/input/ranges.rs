@@ -4,7 +4,9 @@ use std::collections::BTreeMap;
 
 use cardiotwin_schemas::finite_element::FiniteElementSettings;
 use cardiotwin_schemas::organ::CELL_PARAMETERS;
-use cardiotwin_schemas::settings::{CellFitSettings, STEP1_PARAMETERS, Settings, SolverSettings, Step1Settings};
+use cardiotwin_schemas::settings::{
+    CellFitSettings, STEP1_BIOMARKERS, STEP1_PARAMETERS, Settings, SolverSettings, Step1Settings,
+};
 
 use super::nearest::nearest;
 
@@ -183,6 +185,11 @@ impl List {
             self.name("step1.frozen", name, &STEP1_PARAMETERS);
         }
         self.bounds("step1.bounds", &step1.bounds, &STEP1_PARAMETERS);
+        for (name, weight) in &step1.weights {
+            if self.name("step1.weights", name, &STEP1_BIOMARKERS) {
+                self.within(&format!("step1.weights.{name}"), *weight, 0.0, 1e6);
+            }
+        }
         let initial = &step1.initial;
         self.positive("step1.initial.Smax_ref_kPa", initial.smax_ref_kpa, 1e5);
         self.positive("step1.initial.tau_SR_ref_ms", initial.tau_sr_ref_ms, 1e4);

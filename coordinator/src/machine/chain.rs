@@ -64,6 +64,9 @@ pub struct ChainProposal {
     pub task: TaskKey,
     /// The cost that it promised.
     pub predicted_cost: f64,
+    /// The misfit, by the weights of step 1.
+    #[serde(default)]
+    pub predicted_misfit: f64,
 }
 
 impl Chain {

@@ -114,6 +114,7 @@ fn organ_beat(r: &OrganBeatResult) -> Result<(), Failure> {
 fn step1_proposal(r: &Step1ProposalResult) -> Result<(), Failure> {
     STEP1_PARAMETERS.iter().zip(r.parameters.updated()).try_for_each(|(name, value)| positive(name, value))?;
     finite("predicted cost", r.predicted_cost)?;
+    finite("predicted misfit", r.predicted_misfit)?;
     biomarkers(&r.predicted)
 }
 

@@ -16,7 +16,7 @@ use crate::error::TaskError;
 use crate::step1;
 
 /// Biomarkers of the simulated organ over those of the one-fibre ventricle that are expected before any simulation: alike.
-const EXPECTED: [f64; 6] = [1.0; 6];
+const EXPECTED: [f64; 7] = [1.0; 7];
 
 /// Proposes.
 ///
@@ -39,7 +39,7 @@ pub fn run(spec: &Step1ProposalSpec, context: &mut Context) -> Result<TaskResult
         .map(|run| Run {
             parameters: step1::parameters(&run.parameters),
             outcome: run.biomarkers.as_ref().map_or(Outcome::Failed, |b| step1::told(b, run.whole_beat)),
-            predicted_cost: run.predicted_cost,
+            predicted_misfit: run.predicted_misfit,
         })
         .collect();
     let proposal = propose(
@@ -47,18 +47,19 @@ pub fn run(spec: &Step1ProposalSpec, context: &mut Context) -> Result<TaskResult
             measured: &step1::biomarkers(&spec.measured),
             runs: &runs,
             initial: &step1::parameters(&start),
-            settings: &step1::limits(&spec.bounds, &spec.frozen),
+            settings: &step1::settings(&spec.bounds, &spec.frozen, &spec.weights),
             expected: EXPECTED,
             seed: spec.seed,
         },
         &cheap,
     );
-    let Proposal { parameters, biomarkers, cost, base, radius, step, correction, cheap_beats } = proposal
+    let Proposal { parameters, biomarkers, cost, misfit, base, radius, step, correction, cheap_beats } = proposal
         .ok_or(TaskError::NoProposal("no simulation of step 1 ended, nor does a beat of the one-fibre ventricle"))?;
     Ok(TaskResult::Step1Proposal(Step1ProposalResult {
         parameters: step1::with(&start, &parameters),
         predicted: step1::to_schema(&biomarkers),
         predicted_cost: cost,
+        predicted_misfit: misfit,
         from_iteration: base.map(|base| base as u32 + 1),
         trust_radius: radius,
         step,

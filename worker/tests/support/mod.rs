@@ -7,7 +7,6 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use cardiotwin_calibrate::fixed_point::{self, Bounds, Decision, History, Outcome, Parameter};
-use cardiotwin_schemas::biomarkers::Biomarkers;
 use cardiotwin_schemas::finite_element::FiniteElementSettings;
 use cardiotwin_schemas::hash::sha256_hex;
 use cardiotwin_schemas::organ::{BeatCount, ContractionSpec, OrganSpec, Step1Parameters};
@@ -20,6 +19,7 @@ use cardiotwin_schemas::settings::{
 };
 use cardiotwin_schemas::task::{CellFitSpec, InputFile, OrganBeatSpec, PassiveStateSpec, TargetsSpec, TaskSpec};
 use cardiotwin_worker::context::Context;
+use cardiotwin_worker::step1;
 use cardiotwin_worker::tasks::run_task;
 
 pub const PATIENTS: [&str; 7] = ["01-CoA", "02-CoA", "03-CoA", "04-CoA", "05-CoA", "06-CoA", "07-CoA"];
@@ -117,17 +117,6 @@ pub struct Iteration {
     pub cost: f64,
 }
 
-pub fn for_cost(b: &Biomarkers) -> fixed_point::Biomarkers {
-    fixed_point::Biomarkers {
-        p_max_mmhg: b.p_max_mmhg,
-        dpdt_max_mmhg_per_ms: b.dpdt_max_mmhg_per_ms,
-        dpdt_min_mmhg_per_ms: b.dpdt_min_mmhg_per_ms,
-        ptd90_ms: b.ptd90_ms,
-        tau_vd_ms: b.tau_vd_ms,
-        tau_vr_ms: b.tau_vr_ms,
-    }
-}
-
 const ORDER: [Parameter; 6] =
     [Parameter::SmaxRef, Parameter::TauSrRef, Parameter::TauSd, Parameter::TCr, Parameter::RAvF, Parameter::RMvF];
 
@@ -166,7 +155,7 @@ pub fn step1(
     context: &mut Context,
 ) -> (Vec<Iteration>, Option<usize>, String) {
     let initial = Step1Parameters { tanh: settings.initial, valves: settings.valves };
-    let measured = for_cost(&state.measured);
+    let measured = step1::biomarkers(&state.measured);
     let mut history = History::new(to_fixed_point(&initial));
     let mut iterations = Vec::new();
     loop {
@@ -192,7 +181,7 @@ pub fn step1(
         };
         let (outcome, cost) = match &result {
             Ok(result) => {
-                let simulated = for_cost(&result.biomarkers);
+                let simulated = step1::biomarkers(&result.biomarkers);
                 (Outcome::Simulated(simulated), fixed_point::Cost::of(&measured, &simulated).total)
             }
             Err(_) => (Outcome::Failed, f64::NAN),

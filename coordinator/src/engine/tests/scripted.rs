@@ -193,6 +193,7 @@ impl Script {
                     parameters: Step1Parameters::default().with_updated(next),
                     predicted,
                     predicted_cost: 0.01,
+                    predicted_misfit: 0.01,
                     from_iteration: (!spec.runs.is_empty()).then_some(spec.runs.len() as u32),
                     trust_radius: None,
                     step: None,

@@ -23,11 +23,17 @@ pub enum Biomarker {
     /// Rise time constant of filling, ms.
     #[serde(rename = "tau_VR_ms")]
     TauVr,
+    /// Stroke volume, mL. Not in the cost: space mapping alone looks at it.
+    #[serde(rename = "SV_mL")]
+    Sv,
 }
 
 impl Biomarker {
-    /// All biomarkers, those of pressure first.
-    pub const ALL: [Self; 6] = [Self::PMax, Self::DpdtMax, Self::DpdtMin, Self::Ptd90, Self::TauVd, Self::TauVr];
+    /// The biomarkers of the cost, those of pressure first.
+    pub const OF_COST: [Self; 6] = [Self::PMax, Self::DpdtMax, Self::DpdtMin, Self::Ptd90, Self::TauVd, Self::TauVr];
+    /// All biomarkers: those of the cost, then stroke volume.
+    pub const ALL: [Self; 7] =
+        [Self::PMax, Self::DpdtMax, Self::DpdtMin, Self::Ptd90, Self::TauVd, Self::TauVr, Self::Sv];
 
     /// Key with its unit, as in files.
     #[must_use]
@@ -39,13 +45,14 @@ impl Biomarker {
             Self::Ptd90 => "PTD90_ms",
             Self::TauVd => "tau_VD_ms",
             Self::TauVr => "tau_VR_ms",
+            Self::Sv => "SV_mL",
         }
     }
 
     /// Whether it comes from a volume trace: absent in a personalisation to pressure alone.
     #[must_use]
     pub fn is_of_volume(self) -> bool {
-        matches!(self, Self::TauVd | Self::TauVr)
+        matches!(self, Self::TauVd | Self::TauVr | Self::Sv)
     }
 }
 
@@ -77,6 +84,9 @@ pub struct Biomarkers {
     /// Rise time constant of filling.
     #[serde(rename = "tau_VR_ms")]
     pub tau_vr_ms: Option<f64>,
+    /// Stroke volume.
+    #[serde(rename = "SV_mL")]
+    pub sv_ml: Option<f64>,
 }
 
 impl Biomarkers {
@@ -90,6 +100,7 @@ impl Biomarkers {
             Biomarker::Ptd90 => self.ptd90_ms,
             Biomarker::TauVd => self.tau_vd_ms,
             Biomarker::TauVr => self.tau_vr_ms,
+            Biomarker::Sv => self.sv_ml,
         }
     }
 
@@ -102,6 +113,7 @@ impl Biomarkers {
             Biomarker::Ptd90 => self.ptd90_ms = value,
             Biomarker::TauVd => self.tau_vd_ms = value,
             Biomarker::TauVr => self.tau_vr_ms = value,
+            Biomarker::Sv => self.sv_ml = value,
         }
     }
 
@@ -137,14 +149,55 @@ impl Cost {
     /// A biomarker that the simulation could not give counts as missed by all of it.
     #[must_use]
     pub fn of(measured: &Biomarkers, simulated: &Biomarkers) -> Self {
-        let terms: Vec<Term> = Biomarker::ALL
+        let terms: Vec<Term> = Biomarker::OF_COST
             .into_iter()
             .filter_map(|biomarker| {
-                let clinical = measured.get(biomarker)?;
-                let difference = simulated.get(biomarker).map_or(1.0, |s| (clinical - s) / clinical);
-                Some(Term { biomarker, relative_difference: if difference.is_finite() { difference } else { 1.0 } })
+                let relative_difference = difference(measured.get(biomarker)?, simulated.get(biomarker));
+                Some(Term { biomarker, relative_difference })
             })
             .collect();
         Self { total: terms.iter().map(|t| t.relative_difference.powi(2)).sum(), terms }
     }
+}
+
+/// Weights of the squared relative differences in a misfit: by which of the iterations within the tolerance the best is
+/// chosen, and what space mapping lowers.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Weights([f64; Biomarker::ALL.len()]);
+
+impl Default for Weights {
+    /// Those of the cost: then the misfit is the cost.
+    fn default() -> Self {
+        Self(Biomarker::ALL.map(|biomarker| if biomarker == Biomarker::Sv { 0.0 } else { 1.0 }))
+    }
+}
+
+impl Weights {
+    /// The same with another weight of one biomarker: not negative, finite, dimensionless.
+    #[must_use]
+    pub fn with(mut self, biomarker: Biomarker, weight: f64) -> Self {
+        self.0[biomarker as usize] = weight;
+        self
+    }
+
+    /// (clinical − simulated)/clinical times the root of its weight, of each measured biomarker that has one; 1 for the
+    /// difference where the simulation has no such biomarker.
+    #[must_use]
+    pub fn residuals(&self, measured: &Biomarkers, simulated: &Biomarkers) -> Vec<f64> {
+        let weighted = Biomarker::ALL.into_iter().zip(self.0).filter(|(_, weight)| *weight > 0.0);
+        weighted
+            .filter_map(|(b, weight)| Some(weight.sqrt() * difference(measured.get(b)?, simulated.get(b))))
+            .collect()
+    }
+
+    /// Sum of the squared residuals.
+    #[must_use]
+    pub fn misfit(&self, measured: &Biomarkers, simulated: &Biomarkers) -> f64 {
+        self.residuals(measured, simulated).iter().map(|r| r * r).sum()
+    }
+}
+
+/// (clinical − simulated)/clinical; 1, missed by all of it, where there is no finite one.
+fn difference(clinical: f64, simulated: Option<f64>) -> f64 {
+    simulated.map(|s| (clinical - s) / clinical).filter(|d| d.is_finite()).unwrap_or(1.0)
 }

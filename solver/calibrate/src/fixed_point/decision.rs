@@ -4,7 +4,7 @@
 //! history ──► last one failed ──────────────► Ended FailedAt(k), best earlier iteration
 //!         ├─► last one no whole beat ───────► as failed, if there was a whole one before; else an iteration like any
 //!         │                                   other, but never the best
-//!         ├─► best cost within tolerance ───► Ended Converged        (stop = first_converged)
+//!         ├─► a cost within tolerance ──────► Ended Converged        (stop = first_converged)
 //!         ├─► three in a row did not help ──► Ended Stalled          (Converged if the best is within tolerance)
 //!         ├─► limit reached ────────────────► Ended LimitReached     (likewise)
 //!         └─► otherwise ────────────────────► Next(update of the last iteration)
@@ -124,7 +124,8 @@ pub enum Decision {
         quality: Quality,
         /// Why it ended.
         because: Ending,
-        /// The iteration of lowest cost within the bounds; none if no simulation succeeded there.
+        /// Within the bounds, the iteration of lowest misfit within the tolerance, else that of lowest cost; none if no
+        /// simulation succeeded there.
         best: Option<usize>,
     },
 }
@@ -213,21 +214,21 @@ pub fn nothing_new(settings: &Settings, measured: &Biomarkers, history: &History
     Ok(Run::new(settings, measured, history)?.ending(Quality::Stalled, Ending::NothingNew))
 }
 
-fn costs(measured: &Biomarkers, history: &History) -> Vec<Option<f64>> {
+/// Biomarkers of each iteration that count: none where it failed or lost the whole beat that there was before.
+fn told(history: &History) -> impl Iterator<Item = Option<&Biomarkers>> {
     let mut is_early = true;
-    let cost = |i: &Iteration| match &i.outcome {
+    history.iterations.iter().map(move |i| match &i.outcome {
         Outcome::Simulated(b) => {
             is_early = false;
-            Some(Cost::of(measured, b).total)
+            Some(b)
         }
-        Outcome::NoWholeBeat(b) => is_early.then(|| Cost::of(measured, b).total),
+        Outcome::NoWholeBeat(b) => is_early.then_some(b),
         Outcome::Failed => None,
-    };
-    history.iterations.iter().map(cost).collect()
+    })
 }
 
 fn validate(measured: &Biomarkers, history: &History) -> Result<(), FixedPointError> {
-    for biomarker in Biomarker::ALL {
+    for biomarker in Biomarker::OF_COST {
         let value = measured.get(biomarker);
         let negative = biomarker == Biomarker::DpdtMin;
         let expected = if negative { "negative and finite" } else { "positive and finite" };
@@ -255,13 +256,17 @@ struct Run<'a> {
     history: &'a History,
     /// Cost of each iteration, none where it failed or lost the whole beat that there was before.
     costs: Vec<Option<f64>>,
+    /// Likewise the misfit with the settings' weights.
+    misfits: Vec<Option<f64>>,
 }
 
 impl<'a> Run<'a> {
     fn new(settings: &'a Settings, measured: &'a Biomarkers, history: &'a History) -> Result<Self, FixedPointError> {
         settings.validate()?;
         validate(measured, history)?;
-        Ok(Self { settings, measured, history, costs: costs(measured, history) })
+        let costs = told(history).map(|b| Some(Cost::of(measured, b?).total)).collect();
+        let misfits = told(history).map(|b| Some(settings.weights.misfit(measured, b?))).collect();
+        Ok(Self { settings, measured, history, costs, misfits })
     }
 
     fn decide(&self) -> Decision {
@@ -300,7 +305,8 @@ impl<'a> Run<'a> {
         (n - resumed_at >= self.settings.max_iterations).then(|| self.ending(Quality::LimitReached, Ending::Limit))
     }
 
-    /// The iteration of lowest cost among the first `n` that lies within the bounds, the first one of equals.
+    /// Among the first `n` iterations within the bounds that of lowest misfit within the tolerance; where none is, that of
+    /// lowest cost; the first one of equals.
     fn best(&self, n: usize) -> Option<usize> {
         self.lowest(n, |i| self.is_whole(i) && self.settings.admits(&self.history.iterations[i].parameters))
     }
@@ -312,19 +318,23 @@ impl<'a> Run<'a> {
     fn lowest(&self, n: usize, admits: impl Fn(usize) -> bool) -> Option<usize> {
         (0..n)
             .filter(|i| admits(*i))
-            .filter_map(|i| self.costs[i].map(|c| (i, c)))
-            .min_by(|a, b| a.1.total_cmp(&b.1))
+            .filter_map(|i| {
+                let cost = self.costs[i]?;
+                let is_beyond = cost > self.settings.tolerance;
+                Some((i, is_beyond, if is_beyond { cost } else { self.misfits[i]? }))
+            })
+            .min_by(|a, b| a.1.cmp(&b.1).then(a.2.total_cmp(&b.2)))
             .map(|x| x.0)
     }
 
-    /// How many iterations at the end did not lower the best cost by the asked fraction.
+    /// How many iterations at the end did not lower the best misfit by the asked fraction.
     fn without_improvement(&self, forgiving: bool) -> usize {
         let resumed_at = self.history.resumed_at;
-        let mut best = self.best(resumed_at).and_then(|b| self.costs[b]);
+        let mut best = self.best(resumed_at).and_then(|b| self.misfits[b]);
         let mut is_whole = best.is_some();
         let mut in_a_row = 0;
-        for (i, cost) in self.costs.iter().enumerate().skip(resumed_at) {
-            let Some(cost) = *cost else {
+        for (i, misfit) in self.misfits.iter().enumerate().skip(resumed_at) {
+            let Some(misfit) = *misfit else {
                 in_a_row += usize::from(forgiving);
                 continue;
             };
@@ -332,9 +342,9 @@ impl<'a> Run<'a> {
             if self.is_whole(i) && !is_whole {
                 (is_whole, best) = (true, None);
             }
-            let helped = best.is_none_or(|b| cost <= b * (1.0 - self.settings.stagnation_fraction));
+            let helped = best.is_none_or(|b| misfit <= b * (1.0 - self.settings.stagnation_fraction));
             in_a_row = if helped { 0 } else { in_a_row + 1 };
-            best = Some(best.map_or(cost, |b| b.min(cost)));
+            best = Some(best.map_or(misfit, |b| b.min(misfit)));
         }
         in_a_row
     }

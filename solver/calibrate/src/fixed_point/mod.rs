@@ -10,7 +10,7 @@ mod decision;
 mod parameters;
 mod settings;
 
-pub use cost::{Biomarker, Biomarkers, Cost, Term};
+pub use cost::{Biomarker, Biomarkers, Cost, Term, Weights};
 pub use decision::{
     Decision, Ending, FixedPointError, History, Iteration, Outcome, Quality, decide, ended, nothing_new,
 };

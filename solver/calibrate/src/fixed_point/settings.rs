@@ -1,6 +1,6 @@
 //! What a user may set of the fixed point.
 
-use super::{Bounds, FixedPointError, Group, Parameter, Parameters};
+use super::{Bounds, FixedPointError, Group, Parameter, Parameters, Weights};
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -68,6 +68,8 @@ pub struct Settings {
     pub frozen: BTreeSet<Parameter>,
     /// When the loop is content.
     pub stop: Stop,
+    /// By which the best iteration is chosen, among those within the tolerance where there are any.
+    pub weights: Weights,
 }
 
 impl Default for Settings {
@@ -81,6 +83,7 @@ impl Default for Settings {
             bounds: BTreeMap::new(),
             frozen: BTreeSet::new(),
             stop: Stop::default(),
+            weights: Weights::default(),
         }
     }
 }

@@ -9,6 +9,7 @@ fn measured() -> Biomarkers {
         ptd90_ms: Some(330.0),
         tau_vd_ms: Some(80.0),
         tau_vr_ms: Some(50.0),
+        sv_ml: None,
     }
 }
 
@@ -23,6 +24,7 @@ fn heart(p: &Parameters, exponent: f64) -> Biomarkers {
         ptd90_ms: Some(380.0 * x(Parameter::TCr)),
         tau_vd_ms: Some(60.0 * x(Parameter::RAvF)),
         tau_vr_ms: Some(90.0 * x(Parameter::RMvF)),
+        sv_ml: None,
     }
 }
 
@@ -124,6 +126,26 @@ fn cost_is_the_sum_of_squared_relative_differences() {
     // What a simulation cannot give counts as missed entirely, and the loop still has a finite cost.
     let none = Cost::of(&m, &Biomarkers { ptd90_ms: None, ..m });
     assert_eq!(none.total, 1.0);
+}
+
+#[test]
+fn the_best_iteration_is_that_of_lowest_misfit_among_those_within_the_tolerance() {
+    let m = Biomarkers { sv_ml: Some(100.0), ..measured() };
+    let beat =
+        |p_max: f64, sv: f64| Outcome::Simulated(Biomarkers { p_max_mmhg: Some(p_max), sv_ml: Some(sv), ..measured() });
+    let mut history = History::new(Parameters::default());
+    // Costs 0.25, 0, 0.04; stroke volume off by 0, 40, 5 %.
+    for (k, outcome) in [beat(60.0, 100.0), beat(120.0, 60.0), beat(96.0, 95.0)].into_iter().enumerate() {
+        history.push(Parameters { t_cr_ms: 400.0 + k as f64, ..Parameters::default() }, outcome);
+    }
+    let best = |weights| match decide(&Settings { weights, ..Settings::default() }, &m, &history) {
+        Ok(Decision::Ended { quality: Quality::Converged, best, .. }) => best,
+        other => panic!("{other:?}"),
+    };
+    assert_eq!(best(Weights::default()), Some(1), "the misfit is the cost");
+    assert_eq!(best(Weights::default().with(Biomarker::Sv, 1.0)), Some(2), "0.04 + 0.05² < 0.4²");
+    // The first one has a lower misfit still, but not the tolerance.
+    assert_eq!(best(Weights::default().with(Biomarker::PMax, 0.01).with(Biomarker::Sv, 9.0)), Some(2));
 }
 
 #[test]

@@ -21,8 +21,8 @@ pub struct Run {
     pub parameters: Parameters,
     /// What came of it.
     pub outcome: Outcome,
-    /// Cost of the corrected cheap model there, where a proposal led to it.
-    pub predicted_cost: Option<f64>,
+    /// Misfit of the corrected cheap model there, where a proposal led to it.
+    pub predicted_misfit: Option<f64>,
 }
 
 /// Everything that a proposal follows from.
@@ -34,10 +34,10 @@ pub struct Problem<'a> {
     pub runs: &'a [Run],
     /// Initial guess: frozen parameters have its values.
     pub initial: &'a Parameters,
-    /// Bounds and frozen parameters.
+    /// Bounds, frozen parameters, weights of the biomarkers.
     pub settings: &'a Settings,
     /// Factors of the cheap model's biomarkers that are expected before any run, in the order of [`Biomarker::ALL`].
-    pub expected: [f64; 6],
+    pub expected: [f64; Biomarker::ALL.len()],
     /// For the points from which searches start.
     pub seed: u64,
 }
@@ -51,6 +51,8 @@ pub struct Proposal {
     pub biomarkers: Biomarkers,
     /// Its cost.
     pub cost: f64,
+    /// Its misfit by the settings' weights: what was minimised, but for nearness.
+    pub misfit: f64,
     /// The run that the correction is exact at, and the step is measured from; none before the first of use.
     pub base: Option<usize>,
     /// Largest change of a parameter's logarithm from there that was allowed.
@@ -98,8 +100,8 @@ struct Search<'a> {
     moving: Vec<Parameter>,
     /// Logarithms of each run's moving parameters.
     x: Vec<Vec<f64>>,
-    /// Cost of each run; none where it failed.
-    costs: Vec<Option<f64>>,
+    /// Misfit of each run; none where it failed.
+    misfits: Vec<Option<f64>>,
 }
 
 fn found(outcome: &Outcome) -> Option<&Biomarkers> {
@@ -115,10 +117,11 @@ impl<'a> Search<'a> {
         let moves =
             |p: &Parameter| !problem.settings.frozen.contains(p) && problem.measured.get(p.driver().0).is_some();
         let moving: Vec<Parameter> = PARAMETERS.into_iter().filter(moves).collect();
-        let cost = |run: &Run| found(&run.outcome).map(|found| Cost::of(problem.measured, found).total);
+        let misfit =
+            |run: &Run| found(&run.outcome).map(|found| problem.settings.weights.misfit(problem.measured, found));
         Self {
             x: problem.runs.iter().map(|run| logarithms_of(&moving, &run.parameters)).collect(),
-            costs: problem.runs.iter().map(cost).collect(),
+            misfits: problem.runs.iter().map(misfit).collect(),
             problem,
             cheap,
             moving,
@@ -138,7 +141,7 @@ impl<'a> Search<'a> {
         let best = |whole: bool| {
             (0..self.x.len())
                 .filter(|i| self.is_whole(*i) == whole)
-                .filter_map(|i| Some((i, self.costs[i]?)))
+                .filter_map(|i| Some((i, self.misfits[i]?)))
                 .min_by(|a, b| a.1.total_cmp(&b.1))
         };
         best(true).or_else(|| best(false)).map(|(run, _)| run)
@@ -179,13 +182,11 @@ impl<'a> Search<'a> {
         starts: &[Vec<f64>],
     ) -> Option<Proposal> {
         let measured = self.problem.measured;
-        let n_terms = Biomarker::ALL.into_iter().filter(|b| measured.get(*b).is_some()).count();
+        let weights = &self.problem.settings.weights;
+        let n_terms = weights.residuals(measured, measured).len();
         let residuals = |x: &[f64]| -> Vec<f64> {
             let mut all: Vec<f64> = match found(&(self.cheap)(&self.parameters(x))) {
-                Some(found) => {
-                    let cost = Cost::of(measured, &correction.apply(x, found));
-                    cost.terms.iter().map(|term| term.relative_difference).collect()
-                }
+                Some(found) => weights.residuals(measured, &correction.apply(x, found)),
                 None => vec![FAILED; n_terms],
             };
             all.extend(x.iter().zip(near).map(|(x, near)| weight.sqrt() * (x - near)));
@@ -200,6 +201,7 @@ impl<'a> Search<'a> {
             parameters,
             biomarkers,
             cost: Cost::of(measured, &biomarkers).total,
+            misfit: weights.misfit(measured, &biomarkers),
             base: None,
             radius: None,
             step: None,
@@ -219,11 +221,12 @@ impl<'a> Search<'a> {
     fn corrected(&self, base: usize) -> Option<Proposal> {
         let runs = self.problem.runs;
         let is_whole = |run: usize| self.is_whole(run);
-        let radius = trust::radius(runs, &self.x, &self.costs, &is_whole);
+        let radius = trust::radius(runs, &self.x, &self.misfits, &is_whole);
         let centre = &self.x[base];
         // Runs of another kind than the base say little of its surroundings.
-        let used: Vec<usize> =
-            (0..runs.len()).filter(|i| self.is_whole(*i) == self.is_whole(base) && self.costs[*i].is_some()).collect();
+        let used: Vec<usize> = (0..runs.len())
+            .filter(|i| self.is_whole(*i) == self.is_whole(base) && self.misfits[*i].is_some())
+            .collect();
         let factors = |i: usize| {
             let cheap = (self.cheap)(&self.parameters(&self.x[i]));
             let (Some(expensive), Some(cheap)) = (found(&runs[i].outcome), found(&cheap)) else {
@@ -241,7 +244,8 @@ impl<'a> Search<'a> {
         proposal.base = Some(base);
         proposal.radius = Some(radius);
         proposal.step = Some(x.iter().zip(centre).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max));
-        proposal.correction = Biomarker::ALL.into_iter().zip(correction.factors()).collect();
+        let is_measured = |(biomarker, _): &(Biomarker, f64)| self.problem.measured.get(*biomarker).is_some();
+        proposal.correction = Biomarker::ALL.into_iter().zip(correction.factors()).filter(is_measured).collect();
         proposal.cheap_beats += used.len();
         Some(proposal)
     }
@@ -258,6 +262,7 @@ impl<'a> Search<'a> {
             parameters,
             biomarkers,
             cost: Cost::of(self.problem.measured, &biomarkers).total,
+            misfit: self.problem.settings.weights.misfit(self.problem.measured, &biomarkers),
             base: None,
             radius: None,
             step: None,

@@ -48,10 +48,10 @@ fn run(n: usize, settings: &Settings, simulate: &dyn Fn(usize, &Parameters) -> O
     let (measured, initial) = (biomarkers(MEASURED), Parameters::default());
     for i in 0..n {
         let problem =
-            Problem { measured: &measured, runs: &runs, initial: &initial, settings, expected: [1.0; 6], seed: 1 };
+            Problem { measured: &measured, runs: &runs, initial: &initial, settings, expected: [1.0; 7], seed: 1 };
         let Some(proposal) = propose(&problem, &cheap) else { break };
         let outcome = simulate(i, &proposal.parameters);
-        runs.push(Run { parameters: proposal.parameters, outcome, predicted_cost: Some(proposal.cost) });
+        runs.push(Run { parameters: proposal.parameters, outcome, predicted_misfit: Some(proposal.misfit) });
         proposals.push(proposal);
     }
     (runs, proposals)
@@ -95,7 +95,7 @@ fn frozen_parameters_and_what_nothing_was_measured_of_stay() {
     let mut measured = biomarkers(MEASURED);
     measured.set(Biomarker::TauVr, None);
     let problem =
-        Problem { measured: &measured, runs: &[], initial: &initial, settings: &settings, expected: [1.0; 6], seed: 1 };
+        Problem { measured: &measured, runs: &[], initial: &initial, settings: &settings, expected: [1.0; 7], seed: 1 };
     let parameters = propose(&problem, &cheap).unwrap().parameters;
     assert_eq!((parameters.t_cr_ms, parameters.r_mv_f_mmhg_s_per_ml), (480.0, 0.02));
     assert_ne!(parameters.smax_ref_kpa, initial.smax_ref_kpa);
@@ -104,7 +104,7 @@ fn frozen_parameters_and_what_nothing_was_measured_of_stay() {
 #[test]
 fn what_is_expected_of_the_expensive_model_counts_before_the_first_run() {
     let (measured, initial, settings) = (biomarkers(MEASURED), Parameters::default(), Settings::default());
-    let expected = [0.8, 0.7, 1.2, 1.1, 1.0, 0.6];
+    let expected = [0.8, 0.7, 1.2, 1.1, 1.0, 0.6, 1.0];
     let problem = Problem { measured: &measured, runs: &[], initial: &initial, settings: &settings, expected, seed: 1 };
     let parameters = propose(&problem, &cheap).unwrap().parameters;
     let mut found = heart(&parameters, SCALE, ROWS);
@@ -157,10 +157,10 @@ fn a_beat_whose_valves_stay_shut_leads_on_by_its_pressure() {
 
 #[test]
 fn the_radius_follows_what_predictions_were_worth() {
-    let at = |x: f64, outcome, predicted_cost| {
+    let at = |x: f64, outcome, predicted_misfit| {
         let mut parameters = Parameters::default();
         parameters.set(Parameter::SmaxRef, 100.0 * x.exp());
-        (Run { parameters, outcome, predicted_cost }, vec![x])
+        (Run { parameters, outcome, predicted_misfit }, vec![x])
     };
     let whole = Outcome::Simulated(Biomarkers::default());
     let after = |predicted: Option<f64>, outcome: Outcome, found: Option<f64>| {
