@@ -22,8 +22,9 @@ use super::{DispatchError, Evidence, Executor, Found, News, Order, process};
 
 /// How often orphans and stopped workers are looked at.
 const LOOK_EVERY: Duration = Duration::from_millis(50);
-/// How long a worker may take to leave after SIGTERM.
-const GRACE: Duration = Duration::from_secs(2);
+/// How long a worker may take to leave after SIGTERM: a beat writes its checkpoint after the step that it is in, seconds on
+/// a large mesh.
+const GRACE: Duration = Duration::from_secs(20);
 /// A claim that stays unreadable for so long was cut off by the end of its writer.
 const CLAIM_GRACE: Duration = Duration::from_secs(5);
 /// The worker's answer when another process holds the claim.
