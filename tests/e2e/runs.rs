@@ -31,7 +31,11 @@ fn a_cohort_runs_to_the_end_and_the_second_time_does_nothing() {
 fn space_mapping_proposes_each_simulation_and_goes_on_from_those_of_the_fixed_point() {
     let cohort = Cohort::quick();
     let run = ["run", "--no-report", "--patient", "02-CoA"];
-    let said = cohort.call(&[&run[..], &["--update", "space-mapping"]].concat()).expect(0);
+    // What is lowered is then the cost.
+    let of_the_cost = ["step1.weights.PTD90_ms=1", "step1.weights.SV_mL=0", "step1.weights.tau_VD_ms=1"]
+        .map(|w| ["--set", w])
+        .concat();
+    let said = cohort.call(&[&run[..], &["--update", "space-mapping"], &of_the_cost].concat()).expect(0);
     assert!(said.err.contains("step-1  proposal 1  predicted cost"), "{}", said.err);
     let patient = cohort.patient("02-CoA");
     assert_eq!(patient["step1"]["quality"]["quality"], "converged");
@@ -43,8 +47,8 @@ fn space_mapping_proposes_each_simulation_and_goes_on_from_those_of_the_fixed_po
     // The default again: other iterations; a rerun then proposes on top of them.
     cohort.call(&run).expect(0);
     let before = cohort.patient("02-CoA")["iterations"].as_array().unwrap().len();
-    let other = ["step1.update=space-mapping", "step1.tolerance=0.005"];
-    cohort.call(&["rerun", "02-CoA", "--from", "step1", "--set", other[0], "--set", other[1]]).expect(0);
+    let other = ["--set", "step1.update=space-mapping", "--set", "step1.tolerance=0.005"];
+    cohort.call(&[&["rerun", "02-CoA", "--from", "step1"], &other[..], &of_the_cost].concat()).expect(0);
     cohort.call(&run).expect(0);
     let iterations = cohort.patient("02-CoA")["iterations"].as_array().unwrap().clone();
     assert!(iterations.len() > before, "{iterations:?}");
