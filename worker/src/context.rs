@@ -1,5 +1,6 @@
 //! What a task is given beside its specification.
 
+use std::io;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -111,6 +112,26 @@ impl Artefacts {
             sha256: sha256_hex(content.as_bytes()),
             bytes: content.len() as u64,
         });
+        Ok(())
+    }
+
+    /// Writes `file` in the role `name` piece by piece.
+    ///
+    /// # Errors
+    /// [`TaskError::Write`] when `write` or the file system refuses.
+    pub fn write_pieces(
+        &mut self,
+        name: &str,
+        file: &str,
+        write: impl FnOnce(&mut files::Hashed) -> io::Result<()>,
+    ) -> Result<(), TaskError> {
+        let path = self.directory.join(file);
+        let written = files::Hashed::create(&path).and_then(|mut out| {
+            write(&mut out)?;
+            out.finish()
+        });
+        let (sha256, bytes) = written.map_err(|source| TaskError::Write { file: path, source })?;
+        self.written.push(Artefact { name: name.to_owned(), file: file.to_owned(), sha256, bytes });
         Ok(())
     }
 

@@ -5,6 +5,8 @@ use std::fs::{self, File, OpenOptions};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
+use sha2::{Digest as _, Sha256};
+
 /// Creates or replaces `path` with `content`; file and directory are on disk when this returns.
 ///
 /// # Errors
@@ -41,6 +43,47 @@ pub fn write_synced(path: &Path, content: &[u8]) -> io::Result<()> {
     file.sync_all()
 }
 
+/// A file that is written piece by piece and hashed on the way.
+#[derive(Debug)]
+pub struct Hashed {
+    file: io::BufWriter<File>,
+    hash: Sha256,
+    bytes: u64,
+}
+
+impl Hashed {
+    /// A new file, or one that is written anew.
+    ///
+    /// # Errors
+    /// Any error of the file system.
+    pub fn create(path: &Path) -> io::Result<Self> {
+        Ok(Self { file: io::BufWriter::new(File::create(path)?), hash: Sha256::new(), bytes: 0 })
+    }
+
+    /// Brings it to disk; returns its SHA-256 in hexadecimal and its length.
+    ///
+    /// # Errors
+    /// Any error of the file system.
+    pub fn finish(self) -> io::Result<(String, u64)> {
+        self.file.into_inner().map_err(io::IntoInnerError::into_error)?.sync_all()?;
+        let hash = self.hash.finalize().iter().map(|byte| format!("{byte:02x}")).collect();
+        Ok((hash, self.bytes))
+    }
+}
+
+impl Write for Hashed {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        let n = self.file.write(bytes)?;
+        self.hash.update(&bytes[..n]);
+        self.bytes += n as u64;
+        Ok(n)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.file.flush()
+    }
+}
+
 fn sync_directory(path: &Path) -> io::Result<()> {
     File::open(path)?.sync_all()
 }
@@ -70,6 +113,18 @@ mod tests {
         assert_eq!(error.kind(), io::ErrorKind::AlreadyExists);
         assert_eq!(fs::read(&path).unwrap(), b"first");
         assert_eq!(fs::read_dir(dir.path()).unwrap().count(), 1);
+    }
+
+    #[test]
+    fn a_file_written_in_pieces_has_the_hash_of_the_whole() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("long.csv");
+        let mut file = Hashed::create(&path).unwrap();
+        (0..5000).for_each(|k| write!(file, "{k},").unwrap());
+        let (hash, bytes) = file.finish().unwrap();
+        let content = fs::read(&path).unwrap();
+        assert_eq!((hash, bytes), (cardiotwin_schemas::hash::sha256_hex(&content), content.len() as u64));
+        assert!(content.ends_with(b"4998,4999,"));
     }
 
     #[test]

@@ -12,6 +12,7 @@
 //! A contraction model without calcium has no `Ca_uM` columns.
 
 use std::fmt::Write as _;
+use std::io;
 
 use cardiotwin_models::beat::{BeatTraces, NodalTraces};
 
@@ -65,33 +66,49 @@ pub enum NodalError {
     },
 }
 
-/// The file's text. Nine significant digits: far below every tolerance of what is made from it.
+/// The file's text.
 #[must_use]
 pub fn to_csv(time_ms: &[f64], nodes: &NodalTraces, with_calcium: bool) -> String {
     let n = nodes.n_nodes;
-    let quantities = columns(with_calcium);
-    let mut text = String::with_capacity((time_ms.len() + 2) * (n * quantities.len() + 1) * 12);
-    for (name, values) in [("activation_ms", &nodes.activation_ms), ("weight", &nodes.weights)] {
+    let row = |k: usize| {
+        let of = |values: &[f64]| values[k * n..(k + 1) * n].to_vec();
+        let calcium = if with_calcium { of(&nodes.ca_um) } else { vec![] };
+        Ok([of(&nodes.sa_kpa), calcium, of(&nodes.lambda)].concat())
+    };
+    let mut text = Vec::with_capacity((time_ms.len() + 2) * (n * columns(with_calcium).len() + 1) * 12);
+    write_csv(&mut text, time_ms, [&nodes.activation_ms, &nodes.weights], with_calcium, row)
+        .expect("memory takes what is written");
+    String::from_utf8(text).expect("numbers are UTF-8")
+}
+
+/// Writes the file. Nine significant digits: far below every tolerance of what is made from it.
+///
+/// - `activation_and_weight`: one number a node each
+/// - `row`: active stress, calcium where there is any and stretch of all nodes at a sample
+///
+/// # Errors
+/// Those of `row` and of writing.
+pub fn write_csv(
+    out: &mut impl io::Write,
+    time_ms: &[f64],
+    activation_and_weight: [&[f64]; 2],
+    with_calcium: bool,
+    mut row: impl FnMut(usize) -> io::Result<Vec<f64>>,
+) -> io::Result<()> {
+    for (name, values) in ["activation_ms", "weight"].into_iter().zip(activation_and_weight) {
         let values: Vec<String> = values.iter().map(|value| number(*value)).collect();
-        let _ = writeln!(text, "# {name}: {}", values.join(","));
+        writeln!(out, "# {name}: {}", values.join(","))?;
     }
-    let _ = writeln!(text, "{}", header(n, with_calcium));
-    for (row, time) in time_ms.iter().enumerate() {
-        text.push_str(&number(*time));
-        for quantity in quantities {
-            let values = match *quantity {
-                "Sa_kPa" => &nodes.sa_kpa,
-                "Ca_uM" => &nodes.ca_um,
-                _ => &nodes.lambda,
-            };
-            for value in &values[row * n..(row + 1) * n] {
-                text.push(',');
-                text.push_str(&number(*value));
-            }
+    writeln!(out, "{}", header(activation_and_weight[0].len(), with_calcium))?;
+    for (k, time) in time_ms.iter().enumerate() {
+        out.write_all(number(*time).as_bytes())?;
+        for value in row(k)? {
+            out.write_all(b",")?;
+            out.write_all(number(value).as_bytes())?;
         }
-        text.push('\n');
+        out.write_all(b"\n")?;
     }
-    text
+    Ok(())
 }
 
 fn columns(with_calcium: bool) -> &'static [&'static str] {

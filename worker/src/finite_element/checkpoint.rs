@@ -1,7 +1,8 @@
 //! Checkpoints of a beat: every state of ventricle, circulation, contraction, solver and traces in one file, from which
 //! the beat goes on as if it had not been interrupted.
 //!
-//! The file is `checkpoint/beat.bin` in the attempt's directory, written to a temporary file and renamed.
+//! The file is `checkpoint/beat.bin` in the attempt's directory, written to a temporary file and renamed. Nodal traces lie beside
+//! it ([`super::rows`]); the checkpoint's traces say how many rows of them count.
 
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -16,7 +17,7 @@ use super::arrays::{Arrays, ArraysError};
 use super::shapes::Shapes;
 
 /// Kind of the file.
-const KIND: &str = "beat checkpoint 2";
+const KIND: &str = "beat checkpoint 3";
 /// File in the attempt's folder of checkpoints.
 pub const FILE: &str = "beat.bin";
 
@@ -68,28 +69,18 @@ impl BeatCheckpoint {
     /// Never: what stands beside the arrays is JSON.
     #[must_use]
     pub fn to_bytes(&self, task: &str) -> Vec<u8> {
-        let mut progress = self.progress.clone();
-        let nodes = progress
-            .traces
-            .nodes
-            .as_mut()
-            .map(|nodes| [&mut nodes.sa_kpa, &mut nodes.ca_um, &mut nodes.lambda].map(std::mem::take));
         let VentricleWork { steps, newton_iterations, krylov_iterations, factorisations } = self.work;
         let about = About {
             task: task.to_owned(),
             snapshot: self.ventricle.kind.clone(),
-            progress,
+            progress: self.progress.clone(),
             circulation: self.circulation.clone(),
             work: [steps, newton_iterations, krylov_iterations, factorisations],
             shapes: self.shapes.clone(),
         };
         let about = serde_json::to_value(&about).expect("plain fields are JSON");
-        let [sa, ca, lambda] = nodes.unwrap_or_default();
         Arrays::new(KIND, about)
             .with("ventricle", self.ventricle.values.as_slice())
-            .with("Sa_kPa", sa)
-            .with("Ca_uM", ca)
-            .with("lambda", lambda)
             .with("u_begin_mm", self.shapes.begin.u.as_slice())
             .with("u_smallest_mm", self.shapes.smallest.u.as_slice())
             .to_bytes()
@@ -105,18 +96,12 @@ impl BeatCheckpoint {
         if about.task != task {
             return Err(CheckpointError::Foreign { found: about.task, expected: task.to_owned() });
         }
-        let mut progress = about.progress;
-        if let Some(nodes) = &mut progress.traces.nodes {
-            nodes.sa_kpa = arrays.take("Sa_kPa")?;
-            nodes.ca_um = arrays.take("Ca_uM")?;
-            nodes.lambda = arrays.take("lambda")?;
-        }
         let mut shapes = about.shapes;
         shapes.begin.u = arrays.take("u_begin_mm")?;
         shapes.smallest.u = arrays.take("u_smallest_mm")?;
         let [steps, newton_iterations, krylov_iterations, factorisations] = about.work;
         Ok(Self {
-            progress,
+            progress: about.progress,
             circulation: about.circulation,
             ventricle: VentricleSnapshot { kind: about.snapshot, values: arrays.take("ventricle")? },
             work: VentricleWork { steps, newton_iterations, krylov_iterations, factorisations },

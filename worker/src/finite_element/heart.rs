@@ -26,9 +26,14 @@ pub struct Organ<'a> {
     pub nodes: &'a [u32],
 }
 
-/// The surface; nothing where the traces hold no nodes, or the mesh has no cavity to look into.
+/// Active stress and stretch of the nodes of the nodal traces.
+pub type Fields = [Vec<f64>; 2];
+
+/// The surface; nothing where the mesh has no cavity to look into.
+///
+/// - `fields`: at the two shapes
 #[must_use]
-pub fn surface(organ: &Organ<'_>, shapes: &Shapes, traces: &BeatTraces) -> Option<HeartSurface> {
+pub fn surface(organ: &Organ<'_>, shapes: &Shapes, traces: &BeatTraces, fields: &[Fields; 2]) -> Option<HeartSurface> {
     let mesh = organ.mesh;
     let view = View::of(mesh)?;
     let half = cut(mesh, &view.plane);
@@ -61,14 +66,17 @@ pub fn surface(organ: &Organ<'_>, shapes: &Shapes, traces: &BeatTraces) -> Optio
         parts[labels[k] as usize].triangles.push(renumbered);
     }
     parts.retain(|part| !part.triangles.is_empty());
-    let state = |name, shape| state(organ, &half, &corners, traces, name, shape);
+    let state = |name, shape, fields| state(organ, &half, &corners, traces, (name, shape, fields));
     Some(HeartSurface {
         schema_version: SCHEMA_VERSION,
         long_axis: view.long_axis.map(|x| rounded(x, 1e6)),
         towards_viewer: view.plane.normal.map(|x| rounded(x, 1e6)),
         triangles_before: half.triangles.len() as u64,
         parts,
-        states: vec![state("end-diastole", &shapes.begin)?, state("end-systole", &shapes.smallest)?],
+        states: vec![
+            state("end-diastole", &shapes.begin, &fields[0])?,
+            state("end-systole", &shapes.smallest, &fields[1])?,
+        ],
     })
 }
 
@@ -122,17 +130,14 @@ fn state(
     half: &Half,
     corners: &[usize],
     traces: &BeatTraces,
-    name: &str,
-    shape: &Shape,
+    (name, shape, [stress, stretch]): (&str, &Shape, &Fields),
 ) -> Option<HeartState> {
-    let nodes = traces.nodes.as_ref()?;
     let k = shape.sample;
     let at: Vec<f64> = organ.unloaded.iter().zip(&shape.u).map(|(x, u)| x + u).collect();
     let at = at.as_chunks::<3>().0;
-    let row = k * nodes.n_nodes..(k + 1) * nodes.n_nodes;
     let field = |values: &[f64], scale: f64| -> Option<Vec<Option<f64>>> {
         let mut all = vec![None; organ.mesh.n_nodes()];
-        for (node, value) in organ.nodes.iter().zip(values.get(row.clone())?) {
+        for (node, value) in organ.nodes.iter().zip(values) {
             all[*node as usize] = Some(*value);
         }
         let at_corner = |corner: &usize| {
@@ -150,8 +155,8 @@ fn state(
         volume_ml: *traces.volume_ml.get(k)?,
         pressure_mmhg: *traces.pressure_mmhg.get(k)?,
         points_mm: corners.iter().map(|c| half.corners[*c].at(at).map(|x| rounded(x, 1e2))).collect(),
-        sa_kpa: field(&nodes.sa_kpa, 1e2)?,
-        lambda: field(&nodes.lambda, 1e4)?,
+        sa_kpa: field(stress, 1e2)?,
+        lambda: field(stretch, 1e4)?,
     })
 }
 

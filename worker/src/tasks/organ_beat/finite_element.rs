@@ -12,7 +12,7 @@ use cardiotwin_mechanics::organ::{ElementKind, FiniteElementVentricle, Ventricle
 use cardiotwin_mechanics::parallel::ThreadSettings;
 use cardiotwin_mechanics::step::StepSettings;
 use cardiotwin_mesh::TetMesh;
-use cardiotwin_models::beat::{BeatOutcome, run_observed};
+use cardiotwin_models::beat::{BeatOutcome, BeatSettings, run_observed};
 use cardiotwin_models::circulation::Circulation;
 use cardiotwin_models::effects::{LatePart, Surroundings, in_three_dimensions};
 use cardiotwin_models::ventricle::passive_state::DEFAULT_EXPONENT;
@@ -23,14 +23,16 @@ use cardiotwin_schemas::outcome::Ending;
 use cardiotwin_schemas::task::{OrganBeatSpec, TaskSpec};
 use cardiotwin_units::{Ml, Mmhg, Ms};
 
-use super::{contraction, effects, ending, heart as left_heart, potentials, settings};
+use super::{contraction, effects, ending, has_calcium, heart as left_heart, potentials, settings};
 use crate::context::Context;
 use crate::error::TaskError;
 use crate::files;
 use crate::finite_element::checkpoint::{BeatCheckpoint, Due, FILE};
+use crate::finite_element::rows::NodalRows;
 use crate::finite_element::series::{self, Series};
 use crate::finite_element::shapes::Shapes;
 use crate::finite_element::{FiniteElementError, StoredVentricle, heart, wall};
+use crate::nodal;
 use crate::team::{Session, Team};
 
 /// Ventricle and circulation at their start.
@@ -61,12 +63,30 @@ pub(super) fn run(
     let seconds_setup = begun.elapsed().as_secs_f64();
     let begun = Instant::now();
     let length = spec.cycle_length_ms;
-    let settings = settings(spec);
+    let settings = BeatSettings { record_nodes: false, ..settings(spec) };
     let task = TaskSpec::OrganBeat(Box::new(spec.clone())).key().to_string();
     let earlier = BeatCheckpoint::first_of(&context.checkpoints.earlier_files(FILE), &task);
     let (mut before, mut resumed_at_ms) = (VentricleWork::default(), None);
     let mut series = begin_series(spec, &mesh, &ventricle, context)?;
     let mut shapes = Shapes::of(&ventricle, mesh.n_nodes());
+    let own = context.checkpoints.own_file(FILE);
+    let directory = context.artefacts.directory().to_owned();
+    let rows_folder = own.as_ref().and_then(|file| file.parent()).unwrap_or(&directory);
+    let not_kept = |source| TaskError::Write { file: rows_folder.to_owned(), source };
+    let mut resumed = None;
+    let earlier = earlier.filter(|(checkpoint, file)| {
+        let traces = &checkpoint.progress.traces;
+        let rows = (file.parent().unwrap_or(file), checkpoint.progress.n_beats, traces.time_ms.len());
+        match NodalRows::resume(rows_folder, rows, ventricle.nodes().len(), has_calcium(spec)) {
+            Ok(rows) => resumed = Some(rows),
+            Err(error) => tracing::warn!("checkpoint {} is left aside: its nodal traces: {error}", file.display()),
+        }
+        resumed.is_some()
+    });
+    let mut rows = match resumed {
+        Some(rows) => rows,
+        None => NodalRows::begin(rows_folder, &ventricle, has_calcium(spec)).map_err(not_kept)?,
+    };
     let from = match earlier {
         Some((BeatCheckpoint { progress, circulation: blood, ventricle: states, work, shapes: seen }, file)) => {
             ventricle.restore(&states).map_err(TaskError::Organ)?;
@@ -81,12 +101,14 @@ pub(super) fn run(
         }
         None => None,
     };
-    let own = context.checkpoints.own_file(FILE);
     let mut due = Due::new(context.checkpoint_ms, context.checkpoint_apart, ventricle.time().0);
     let outcome = run_observed(&mut ventricle, &mut circulation, &settings, from, |seen| {
         let time = seen.ventricle_time_ms();
         let beat = seen.progress.n_beats;
         shapes.observe(beat, seen.progress.intervals, seen.ventricle);
+        if let Err(source) = rows.observe(beat, seen.ventricle) {
+            return ControlFlow::Break(not_kept(source));
+        }
         if let Some(series) = &mut series
             && let Err(error) = series.observe(beat, time - seen.progress.beat_start_ms, seen.ventricle)
         {
@@ -103,9 +125,10 @@ pub(super) fn run(
                 work: sum(before, seen.ventricle.work()),
                 shapes: shapes.clone(),
             };
-            if let Err(source) = write(file, &checkpoint.to_bytes(&task)) {
+            if let Err(source) = rows.sync().and_then(|()| write(file, &checkpoint.to_bytes(&task))) {
                 return ControlFlow::Break(TaskError::Checkpoint(source));
             }
+            rows.forget_earlier();
         }
         if let Err(stop) = stop {
             return ControlFlow::Break(stop);
@@ -141,12 +164,25 @@ pub(super) fn run(
     if let Some(series) = &series {
         context.artefacts.write("series", &format!("{}/{}", series::FOLDER, series::INDEX), &series.index())?;
     }
+    let mut lambda_min = None;
     if let BeatOutcome::Finished(result) = &outcome {
+        let of_nodes = [ventricle.activation_times_ms().to_vec(), ventricle.node_weights().to_vec()];
         let unloaded = ventricle.unloaded_mm();
         let drawn = heart::Organ { mesh: &mesh, unloaded, nodes: ventricle.nodes() };
-        if let Some(surface) = heart::surface(&drawn, &shapes, &result.traces) {
+        let mut fields = |sample| rows.stress_and_stretch(sample).map_err(not_kept);
+        let fields = [fields(shapes.begin.sample)?, fields(shapes.smallest.sample)?];
+        if let Some(surface) = heart::surface(&drawn, &shapes, &result.traces, &fields) {
             context.artefacts.write_bytes("heart", "heart.json", heart::text(&surface).as_bytes())?;
         }
+        let (time_ms, n_nodes) = (&result.traces.time_ms, of_nodes[0].len());
+        context.artefacts.write_pieces("nodal", "nodal.csv", |out| {
+            nodal::write_csv(out, time_ms, [&of_nodes[0], &of_nodes[1]], has_calcium(spec), |k| {
+                let row = rows.row(k)?;
+                let stretch = row[row.len() - n_nodes..].iter().copied();
+                lambda_min = Some(stretch.fold(lambda_min.unwrap_or(f64::INFINITY), f64::min));
+                Ok(row)
+            })
+        })?;
     }
     // What follows is rank 0's alone: the others need not wait for it.
     drop(ventricle);
@@ -160,7 +196,7 @@ pub(super) fn run(
             result.work.n_iterations as f64 / result.work.n_steps.max(1) as f64
         });
     }
-    ending(spec, outcome, counters, context)
+    ending(spec, outcome, counters, lambda_min, context)
 }
 
 /// A series of VTU files, where one was asked for; its size is told before the rest of it is written.

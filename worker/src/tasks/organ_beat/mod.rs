@@ -57,7 +57,7 @@ pub fn run(spec: &OrganBeatSpec, context: &mut Context) -> Result<Ending, TaskEr
             let Assembled { mut ventricle, mut circulation, .. } = reduced(spec, passive, activation)?;
             context.progress.report("simulating", 0.0, None, || format!("{} ms cycle", spec.cycle_length_ms));
             let outcome = run_beats(&mut ventricle, &mut circulation, &settings(spec));
-            ending(spec, outcome, BTreeMap::new(), context)
+            ending(spec, outcome, BTreeMap::new(), None, context)
         }
         OrganSpec::FiniteElement(organ) => finite_element::run(spec, organ, context),
     }
@@ -75,7 +75,7 @@ pub fn reduced_beat(
     let Assembled { mut ventricle, mut circulation, .. } = reduced(spec, passive, activation)?;
     let settings = BeatSettings { record_nodes: false, ..settings(spec) };
     match run_beats(&mut ventricle, &mut circulation, &settings) {
-        BeatOutcome::Finished(result) => organ_beat_result(spec, &result).map(Some),
+        BeatOutcome::Finished(result) => organ_beat_result(spec, &result, None).map(Some),
         BeatOutcome::Diverged { .. } => Ok(None),
     }
 }
@@ -85,6 +85,7 @@ fn ending(
     spec: &OrganBeatSpec,
     outcome: BeatOutcome,
     mut counters: BTreeMap<String, f64>,
+    lambda_min: Option<f64>,
     context: &mut Context,
 ) -> Result<Ending, TaskError> {
     match outcome {
@@ -95,16 +96,20 @@ fn ending(
         BeatOutcome::Finished(result) => {
             context.artefacts.write("traces", "traces.csv", &traces_csv(&result.traces))?;
             if let Some(nodes) = &result.traces.nodes {
-                let with_calcium = !matches!(spec.contraction, ContractionSpec::Tanh { .. });
-                let text = nodal::to_csv(&result.traces.time_ms, nodes, with_calcium);
+                let text = nodal::to_csv(&result.traces.time_ms, nodes, has_calcium(spec));
                 context.artefacts.write("nodal", "nodal.csv", &text)?;
             }
-            let mut result = organ_beat_result(spec, &result)?;
+            let mut result = organ_beat_result(spec, &result, lambda_min)?;
             counters.append(&mut result.counters);
             result.counters = counters;
             Ok(Ending::Succeeded { result: Box::new(TaskResult::OrganBeat(result)) })
         }
     }
+}
+
+/// Whether the contraction model has calcium.
+fn has_calcium(spec: &OrganBeatSpec) -> bool {
+    !matches!(spec.contraction, ContractionSpec::Tanh { .. })
 }
 
 fn settings(spec: &OrganBeatSpec) -> BeatSettings {
@@ -214,7 +219,12 @@ fn heart(spec: &OrganBeatSpec) -> LeftHeart {
     }
 }
 
-fn organ_beat_result(spec: &OrganBeatSpec, result: &BeatResult) -> Result<OrganBeatResult, TaskError> {
+/// - `lambda_min`: smallest stretch of a node, where the traces hold no nodes
+fn organ_beat_result(
+    spec: &OrganBeatSpec,
+    result: &BeatResult,
+    lambda_min: Option<f64>,
+) -> Result<OrganBeatResult, TaskError> {
     let traces = &result.traces;
     let small_change = result.volume_change_ml.abs().max(result.pressure_change_mmhg) <= PERIODIC_CHANGE;
     // One beat is never taken as periodic: its end says nothing of its start.
@@ -239,7 +249,7 @@ fn organ_beat_result(spec: &OrganBeatSpec, result: &BeatResult) -> Result<OrganB
         beats: result.n_beats as u32,
         periodic,
         remarks: biomarkers::remarks(&set),
-        lambda_min: lambda.copied().fold(f64::INFINITY, f64::min),
+        lambda_min: lambda_min.unwrap_or_else(|| lambda.copied().fold(f64::INFINITY, f64::min)),
         counters,
     })
 }

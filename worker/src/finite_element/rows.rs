@@ -1,0 +1,164 @@
+//! Nodal traces of a beat in hand: rows of numbers in a file, since those of a large mesh do not fit memory beside the beat.
+//!
+//! A row has active stress, calcium where the contraction model has it, and stretch of each node, 8 bytes a number, little
+//! endian. Each beat has a file of its own; a checkpoint says how many rows of it count.
+
+use std::fs::{self, File};
+use std::io::{self, Read as _, Seek as _, SeekFrom, Write as _};
+use std::path::{Path, PathBuf};
+
+use cardiotwin_mechanics::organ::FiniteElementVentricle;
+use cardiotwin_models::ventricle::Ventricle as _;
+
+use super::checkpoint;
+
+/// Rows of the beat in hand.
+#[derive(Debug)]
+pub struct NodalRows {
+    folder: PathBuf,
+    n_nodes: usize,
+    with_calcium: bool,
+    /// First beat whose file may be there.
+    oldest: usize,
+    beat: usize,
+    file: File,
+    /// The last one: a later beat begins with it.
+    last: Vec<u8>,
+}
+
+fn file_of(folder: &Path, beat: usize) -> PathBuf {
+    folder.join(format!("nodal-{beat}.f64"))
+}
+
+fn create(folder: &Path, beat: usize) -> io::Result<File> {
+    fs::create_dir_all(folder)?;
+    File::options().read(true).write(true).create(true).truncate(true).open(file_of(folder, beat))
+}
+
+fn row_bytes(n_nodes: usize, with_calcium: bool) -> usize {
+    8 * n_nodes * if with_calcium { 3 } else { 2 }
+}
+
+impl NodalRows {
+    /// Of a first beat, with the ventricle's state at its beginning.
+    ///
+    /// # Errors
+    /// Any error of the file system.
+    pub fn begin(folder: &Path, ventricle: &FiniteElementVentricle, with_calcium: bool) -> io::Result<Self> {
+        let n_nodes = ventricle.nodes().len();
+        let file = create(folder, 1)?;
+        let (folder, last) = (folder.to_owned(), vec![]);
+        let mut rows = Self { folder, n_nodes, with_calcium, oldest: 1, beat: 1, file, last };
+        rows.append(ventricle)?;
+        Ok(rows)
+    }
+
+    /// Goes on from the first `n_rows` of a beat that another attempt left in its folder, or an earlier one in the same.
+    ///
+    /// # Errors
+    /// Any error of the file system; [`io::ErrorKind::UnexpectedEof`] where there are fewer rows.
+    pub fn resume(
+        folder: &Path,
+        (earlier, beat, n_rows): (&Path, usize, usize),
+        n_nodes: usize,
+        with_calcium: bool,
+    ) -> io::Result<Self> {
+        let row_bytes = row_bytes(n_nodes, with_calcium);
+        let wanted = (n_rows * row_bytes) as u64;
+        let from = File::open(file_of(earlier, beat))?;
+        if n_rows == 0 || from.metadata()?.len() < wanted {
+            return Err(io::ErrorKind::UnexpectedEof.into());
+        }
+        fs::create_dir_all(folder)?;
+        let (draft, path) = (folder.join("nodal.new"), file_of(folder, beat));
+        io::copy(&mut from.take(wanted), &mut File::create(&draft)?)?;
+        fs::rename(draft, &path)?;
+        let mut file = File::options().read(true).write(true).open(path)?;
+        let mut last = vec![0; row_bytes];
+        file.seek(SeekFrom::Start(wanted - row_bytes as u64))?;
+        file.read_exact(&mut last)?;
+        Ok(Self { folder: folder.to_owned(), n_nodes, with_calcium, oldest: beat, beat, file, last })
+    }
+
+    fn row_bytes(&self) -> usize {
+        row_bytes(self.n_nodes, self.with_calcium)
+    }
+
+    fn append(&mut self, ventricle: &FiniteElementVentricle) -> io::Result<()> {
+        let mut values = vec![0.0; self.n_nodes];
+        self.last.clear();
+        let mut take = |fill: &dyn Fn(&mut [f64])| {
+            fill(&mut values);
+            self.last.extend(values.iter().flat_map(|value| value.to_le_bytes()));
+        };
+        take(&|out| ventricle.active_stress_kpa(out));
+        if self.with_calcium {
+            take(&|out| ventricle.calcium_um(out));
+        }
+        take(&|out| ventricle.stretch(out));
+        self.file.write_all(&self.last)
+    }
+
+    /// Takes note of the state after an output interval. A later beat takes the place of the one before.
+    ///
+    /// # Errors
+    /// Any error of the file system.
+    pub fn observe(&mut self, beat: usize, ventricle: &FiniteElementVentricle) -> io::Result<()> {
+        if beat != self.beat {
+            (self.beat, self.file) = (beat, create(&self.folder, beat)?);
+            self.file.write_all(&self.last)?;
+        }
+        self.append(ventricle)
+    }
+
+    /// Brings the rows to disk, before a checkpoint counts on them.
+    ///
+    /// # Errors
+    /// Any error of the file system.
+    pub fn sync(&self) -> io::Result<()> {
+        self.file.sync_data()
+    }
+
+    /// Removes those of earlier beats, on which no checkpoint counts any more.
+    pub fn forget_earlier(&mut self) {
+        // A file that stays takes up room and nothing else.
+        (self.oldest..self.beat).for_each(|beat| drop(fs::remove_file(file_of(&self.folder, beat))));
+        self.oldest = self.beat;
+    }
+
+    /// Row `k`: active stress, calcium where there is any, stretch.
+    ///
+    /// # Errors
+    /// Any error of the file system.
+    pub fn row(&mut self, k: usize) -> io::Result<Vec<f64>> {
+        let mut bytes = vec![0; self.row_bytes()];
+        self.file.seek(SeekFrom::Start((k * self.row_bytes()) as u64))?;
+        self.file.read_exact(&mut bytes)?;
+        Ok(bytes.as_chunks::<8>().0.iter().map(|bytes| f64::from_le_bytes(*bytes)).collect())
+    }
+
+    /// Active stress and stretch of row `k`.
+    ///
+    /// # Errors
+    /// Any error of the file system.
+    pub fn stress_and_stretch(&mut self, k: usize) -> io::Result<[Vec<f64>; 2]> {
+        let mut stress = self.row(k)?;
+        let stretch = stress.split_off(stress.len() - self.n_nodes);
+        stress.truncate(self.n_nodes);
+        Ok([stress, stretch])
+    }
+}
+
+impl Drop for NodalRows {
+    fn drop(&mut self) {
+        if self.folder.join(checkpoint::FILE).exists() {
+            return;
+        }
+        // No checkpoint counts on them.
+        (self.oldest..=self.beat).for_each(|beat| drop(fs::remove_file(file_of(&self.folder, beat))));
+        if self.folder.ends_with("checkpoint") {
+            // Where nothing else is in it.
+            let _ = fs::remove_dir(&self.folder);
+        }
+    }
+}
