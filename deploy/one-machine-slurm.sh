@@ -15,7 +15,8 @@
 # slurmdbd, no QoS), --conf FILE (more lines for slurm.conf), --no-install.
 #
 # What is there: account t01 for the caller; partitions `standard` (whole nodes, as ARCHER2) and `serial` (cores), with
-# QoS whose limits are ARCHER2's, and `main` (cores, QoS normal, the default). All partitions share the nodes.
+# QoS whose limits are ARCHER2's, `main` (cores, QoS normal, the default), and `scavenge`, whose jobs make room for those of
+# all others. All partitions share the nodes.
 set -euo pipefail
 
 say() { printf 'one-machine-slurm: %s\n' "$*" >&2; }
@@ -197,7 +198,9 @@ SlurmdTimeout=10
 BatchStartTimeout=10
 MessageTimeout=10
 NodeName=$nodes NodeHostname=$host NodeAddr=127.0.0.1 Port=$ports CPUs=$CPUS RealMemory=$MEMORY State=UNKNOWN
-PartitionName=DEFAULT Nodes=$nodes State=UP DefaultTime=60 DefMemPerCPU=$((MEMORY / CPUS))
+PreemptType=preempt/partition_prio
+PreemptMode=CANCEL
+PartitionName=DEFAULT Nodes=$nodes State=UP PriorityTier=10 PreemptMode=OFF DefaultTime=60 DefMemPerCPU=$((MEMORY / CPUS))
 CONF
     if [ "$ACCOUNTING" = no ]; then
         cat >>"$SLURM_CONF" <<CONF
@@ -207,6 +210,7 @@ JobCompLoc=$ROOT/log/jobcomp.txt
 PartitionName=main Default=YES MaxTime=INFINITE
 PartitionName=standard MaxTime=4-00:00:00 OverSubscribe=EXCLUSIVE
 PartitionName=serial MaxTime=1-00:00:00 MaxNodes=1
+PartitionName=scavenge MaxTime=1-00:00:00 PriorityTier=1 PreemptMode=CANCEL
 CONF
     else
         cat >>"$SLURM_CONF" <<CONF
@@ -220,6 +224,7 @@ AccountingStoreFlags=job_comment
 PartitionName=main Default=YES MaxTime=INFINITE AllowQos=normal
 PartitionName=standard MaxTime=4-00:00:00 OverSubscribe=EXCLUSIVE AllowQos=standard,taskfarm,short,long,largescale,lowpriority
 PartitionName=serial MaxTime=1-00:00:00 MaxNodes=1 AllowQos=serial
+PartitionName=scavenge MaxTime=1-00:00:00 PriorityTier=1 PreemptMode=CANCEL AllowQos=normal
 CONF
     fi
     [ -z "$MORE_CONF" ] || cat "$MORE_CONF" >>"$SLURM_CONF"

@@ -3,7 +3,7 @@
 //! A job has a list of patients for each element of its array, one list where it is no array. The driver walks each
 //! patient's chain as the coordinator would, and leaves off what its time does not hold.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 
 use serde::{Deserialize, Serialize};
@@ -101,6 +101,9 @@ pub struct DriverEnd {
     pub because: DriverEnding,
     /// Patients whose chains it did not bring to an end, with the reason.
     pub left: BTreeMap<PatientId, String>,
+    /// Those of them whose worker died of a defect of ours: panicked, aborted, or did not understand its call.
+    #[serde(default, skip_serializing_if = "BTreeSet::is_empty")]
+    pub defects: BTreeSet<PatientId>,
     /// How long it ran.
     pub wall_s: f64,
 }

@@ -50,6 +50,7 @@ impl Cluster {
                 self.deploy("revive", Some(daemon));
             }
         }
+        let _ = self.slurm("scontrol", &["update", "partitionname=main", "state=up"]);
         for node in ["n1", "n2", "n3", "n4"] {
             let _ = self.slurm("scontrol", &["update", &format!("nodename={node}"), "state=resume"]);
         }
@@ -64,9 +65,7 @@ impl Cluster {
     }
 
     fn lives(&self, daemon: &str) -> bool {
-        let Some(pid) = self.pid(daemon) else { return false };
-        let stat = std::fs::read_to_string(format!("/proc/{pid}/stat")).unwrap_or_default();
-        stat.rsplit(')').next().and_then(|rest| rest.split_whitespace().next()).is_some_and(|state| state != "Z")
+        self.pid(daemon).is_some_and(crate::cohort::lives)
     }
 
     /// Kills a daemon as `kill -9` would.
@@ -91,12 +90,26 @@ impl Cluster {
         output.map(|o| String::from_utf8_lossy(&o.stdout).into_owned()).unwrap_or_default()
     }
 
+    /// Runs one of Slurm's commands that is refused; what it says of it.
+    #[track_caller]
+    pub fn refused(&self, program: &str, arguments: &[&str]) -> String {
+        let output = Command::new(program).args(arguments).env("SLURM_CONF", &self.conf).output().expect("it is there");
+        assert!(!output.status.success(), "{}", String::from_utf8_lossy(&output.stdout));
+        String::from_utf8_lossy(&output.stderr).into_owned()
+    }
+
     /// Waits until something holds.
     #[track_caller]
-    pub fn wait(&self, what: &str, holds: impl Fn() -> bool) {
+    pub fn wait(&self, what: &str, holds: impl FnMut() -> bool) {
+        self.wait_for(PATIENCE, what, holds);
+    }
+
+    /// Waits so long until something holds.
+    #[track_caller]
+    pub fn wait_for(&self, patience: Duration, what: &str, mut holds: impl FnMut() -> bool) {
         let began = Instant::now();
         while !holds() {
-            assert!(began.elapsed() < PATIENCE, "{what} did not come; the queue:\n{}", self.slurm("squeue", &[]));
+            assert!(began.elapsed() < patience, "{what} did not come; the queue:\n{}", self.slurm("squeue", &[]));
             std::thread::sleep(Duration::from_millis(50));
         }
     }

@@ -1,9 +1,11 @@
 //! A small cohort that runs on the cluster.
 
+use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 
+use rustix::process::{Pid, Signal};
 use serde_json::Value;
 
 use crate::cluster::Cluster;
@@ -26,6 +28,19 @@ name = "main"
 partition = "main"
 qos = "normal"
 uses = ["simulations", "chunks", "tick"]
+walltime = "24:00:00"
+[[queue]]
+name = "scavenge"
+partition = "scavenge"
+qos = "normal"
+uses = ["chunks"]
+walltime = "24:00:00"
+[[queue]]
+name = "standard"
+partition = "standard"
+qos = "standard"
+unit = "node"
+uses = ["chunks"]
 walltime = "24:00:00"
 [[queue]]
 name = "serial"
@@ -62,6 +77,51 @@ fn binary(name: &str) -> PathBuf {
     path
 }
 
+/// The process that made a claim; a claim that is being written is none.
+pub fn pid_of(claim: &Path) -> Option<u32> {
+    let claim: Value = serde_json::from_str(&fs::read_to_string(claim).ok()?).ok()?;
+    // A driver's claim holds that of its process.
+    u32::try_from(claim["pid"].as_u64().or(claim["claim"]["pid"].as_u64())?).ok()
+}
+
+/// Sends the process that made a claim a signal, where it lives.
+pub fn signal(claim: &Path, signal: Signal) {
+    let pid = pid_of(claim).and_then(|pid| Pid::from_raw(i32::try_from(pid).ok()?)).expect("a pid");
+    // It may have ended a moment ago.
+    let _ = rustix::process::kill_process(pid, signal);
+}
+
+/// What became of a run's attempts, by their directories.
+#[derive(Debug, Default, Clone, Copy)]
+pub struct Tally {
+    /// Tasks with a result.
+    pub published: usize,
+    /// Tasks with more than one.
+    pub twice: usize,
+    /// Tasks that were begun again once they had a result.
+    pub again: usize,
+    /// Attempts.
+    pub attempts: usize,
+    /// Attempts that are not the first at their task.
+    pub repeated: usize,
+}
+
+impl std::ops::AddAssign for Tally {
+    fn add_assign(&mut self, other: Self) {
+        self.published += other.published;
+        self.twice += other.twice;
+        self.again += other.again;
+        self.attempts += other.attempts;
+        self.repeated += other.repeated;
+    }
+}
+
+/// Whether a process lives.
+pub fn lives(pid: u32) -> bool {
+    let stat = fs::read_to_string(format!("/proc/{pid}/stat")).unwrap_or_default();
+    stat.rsplit(')').next().and_then(|rest| rest.split_whitespace().next()).is_some_and(|state| state != "Z")
+}
+
 impl<'a> Cohort<'a> {
     pub fn of(cluster: &'a Cluster, patients: &[&str], step2: &str) -> Self {
         let folder = tempfile::tempdir_in("/tmp").expect("a temporary folder");
@@ -88,6 +148,18 @@ impl<'a> Cohort<'a> {
     pub fn set(mut self, setting: &str) -> Self {
         self.settings.push(setting.to_owned());
         self
+    }
+
+    /// The site's profile.
+    pub fn site(&self) -> String {
+        self.folder.path().join("site.toml").display().to_string()
+    }
+
+    /// Writes the profile anew with `from` replaced.
+    pub fn change_profile(&self, from: &str, to: &str) {
+        let text = fs::read_to_string(self.site()).expect("the profile");
+        assert!(text.contains(from), "{from} is not in {text}");
+        fs::write(self.site(), text.replace(from, to)).expect("the profile");
     }
 
     pub fn make_quick(&self) {
@@ -199,9 +271,7 @@ impl<'a> Cohort<'a> {
             })
         };
         self.cluster.wait("a checkpoint of step 2", || found().is_some());
-        let claim = fs::read_to_string(found().expect("it was there").join("started.json")).expect("a claim");
-        let claim: Value = serde_json::from_str(&claim).expect("JSON");
-        u32::try_from(claim["pid"].as_u64().expect("a pid")).expect("a pid")
+        pid_of(&found().expect("it was there").join("started.json")).expect("a pid")
     }
 
     /// Every patient is done, and nothing that was published was begun again.
@@ -211,13 +281,29 @@ impl<'a> Cohort<'a> {
         for patient in status["patients"].as_array().expect("patients") {
             assert_eq!(patient["state"], "done", "{patient:#}");
         }
-        for folder in self.attempts_with("outcome.json") {
+        let tally = self.tally();
+        assert!(tally.published > 0 && tally.twice + tally.again == 0, "{tally:?}");
+    }
+
+    /// What became of the attempts.
+    pub fn tally(&self) -> Tally {
+        let mut tasks: BTreeMap<String, Vec<(u32, bool)>> = BTreeMap::new();
+        for folder in self.attempts_with("spec.json") {
             let name = folder.file_name().expect("a name").to_string_lossy().into_owned();
             let (task, generation) = name.rsplit_once("-g").expect("task and generation");
-            let generation: u32 = generation.parse().expect("a number");
-            let outcome = fs::read_to_string(folder.join("outcome.json")).expect("an outcome");
-            let next = folder.with_file_name(format!("{task}-g{}", generation + 1));
-            assert!(!outcome.contains("\"succeeded\"") || !next.exists(), "{name} was done and begun again");
+            let outcome = fs::read_to_string(folder.join("outcome.json")).unwrap_or_default();
+            let attempt = (generation.parse().expect("a number"), outcome.contains("\"succeeded\""));
+            tasks.entry(task.to_owned()).or_default().push(attempt);
         }
+        let mut tally = Tally::default();
+        for attempts in tasks.values() {
+            let published: Vec<u32> = attempts.iter().filter(|(_, done)| *done).map(|(n, _)| *n).collect();
+            tally.published += usize::from(!published.is_empty());
+            tally.twice += usize::from(published.len() > 1);
+            tally.again += usize::from(published.iter().any(|done| attempts.iter().any(|(n, _)| n > done)));
+            tally.attempts += attempts.len();
+            tally.repeated += attempts.iter().filter(|(n, _)| *n > 1).count();
+        }
+        tally
     }
 }

@@ -1,9 +1,15 @@
 //! Classes of failure, each on the real Slurm.
 
 use rustix::process::{Pid, Signal};
+use serde_json::Value;
 
 use crate::cluster::Cluster;
 use crate::cohort::{Cohort, QUICK, SLOW};
+
+/// The only patient, as `status` has it.
+fn patient(cohort: &Cohort) -> Value {
+    cohort.status()["patients"][0].clone()
+}
 
 pub fn a_job_that_a_person_cancels_stays_cancelled(cluster: &Cluster) {
     let cohort = Cohort::of(cluster, &["01-CoA"], SLOW);
@@ -145,4 +151,90 @@ pub fn what_slurm_never_takes_is_told(cluster: &Cluster) {
     let repaired = cohort.set("executor.slurm.account=t01");
     assert_eq!(repaired.finish(), 0);
     repaired.assert_done();
+}
+
+pub fn a_preempted_job_is_submitted_again(cluster: &Cluster) {
+    let cohort = Cohort::of(cluster, &["01-CoA"], SLOW).set("executor.slurm.queue=scavenge");
+    cohort.running_job();
+    cohort.wait_for_checkpoint();
+    // A job of a partition that comes first takes all nodes.
+    let urgent = ["--parsable", "--partition=main", "--nodes=4", "--exclusive", "--time=10", "--wrap=sleep 600"];
+    let urgent = cluster.slurm("sbatch", &urgent).trim().to_owned();
+    cluster.wait("another job", || {
+        cohort.advance();
+        cohort.jobs().len() == 2
+    });
+    let told = cohort.call(&["explain", "01-CoA"]).out;
+    assert!(told.contains("preempted"), "{told}");
+    assert!(!cohort.script(1).contains("--exclude"), "nothing is wrong with the node");
+    cluster.slurm("scancel", &[&urgent]);
+    let again = || cohort.attempts_with("started.json").into_iter().filter(|p| p.to_string_lossy().ends_with("-g2"));
+    cluster.wait("the attempt that goes on", || again().count() == 1);
+    cohort.call(&["cancel", "--all"]);
+}
+
+pub fn a_divergence_is_the_sciences_and_no_job_is_repeated(cluster: &Cluster) {
+    // One iteration of Newton's method and no shorter step: no beat can be simulated.
+    let cohort =
+        Cohort::of(cluster, &["01-CoA"], QUICK).set("solver.newton_iterations=1").set("solver.shortest_step_ms=1");
+    assert_eq!(cohort.finish(), 1);
+    let patient = patient(&cohort);
+    assert_eq!((&patient["state"], &patient["failure_class"]), (&"failed".into(), &"numerics".into()), "{patient:#}");
+    assert_eq!(cohort.advance().code, 1, "it stays so");
+    assert_eq!(cohort.jobs().len(), 1);
+    assert!(cohort.attempts_with("started.json").iter().all(|p| p.to_string_lossy().ends_with("-g1")));
+}
+
+pub fn bad_input_is_never_tried_again(cluster: &Cluster) {
+    let cohort = Cohort::of(cluster, &["01-CoA"], QUICK);
+    // After it was planned, and before anything reads it.
+    let trace = cohort.folder.path().join("patients/01-CoA/pressure.csv");
+    let sound = std::fs::read(&trace).expect("a trace");
+    let damage = format!("setup = [\"echo damaged >> {}\"]\n[node]\n", trace.display());
+    cohort.change_profile("[node]\n", &damage);
+    assert_eq!(cohort.advance().code, 8);
+    cluster.wait("the job's last word", || cohort.jobs()[0].join("ended-0-0.json").exists());
+    // Repaired: what was found all the same stays found until it is asked for again.
+    std::fs::write(&trace, &sound).expect("a trace");
+    cohort.change_profile(&damage, "[node]\n");
+    assert_eq!(cohort.finish(), 1);
+    let patient = patient(&cohort);
+    assert_eq!((&patient["state"], &patient["failure_class"]), (&"failed".into(), &"input".into()), "{patient:#}");
+    assert_eq!((cohort.jobs().len(), cohort.attempts_with("started.json").len()), (1, 1));
+    assert_eq!(cohort.call(&["retry", "--failed", "--class", "input"]).code, 0);
+    assert_eq!(cohort.finish(), 0);
+    cohort.assert_done();
+}
+
+pub fn a_worker_that_aborts_is_a_defect_and_stops(cluster: &Cluster) {
+    let cohort = Cohort::of(cluster, &["01-CoA"], SLOW);
+    cohort.running_job();
+    let pid = cohort.wait_for_checkpoint();
+    let pid = Pid::from_raw(i32::try_from(pid).expect("a pid")).expect("a pid");
+    rustix::process::kill_process(pid, Signal::ABORT).expect("the worker is ours");
+    assert_eq!(cohort.finish(), 1);
+    let patient = patient(&cohort);
+    assert_eq!((&patient["state"], &patient["failure_class"]), (&"failed".into(), &"bug".into()), "{patient:#}");
+    assert!(patient["note"].as_str().is_some_and(|note| note.contains("aborted")), "{patient:#}");
+    assert_eq!(cohort.jobs().len(), 1, "never tried again");
+    let logs = cohort.call(&["logs", "01-CoA"]);
+    assert_eq!(logs.code, 0, "{logs:?}");
+    assert!(logs.out.contains("driver ended"), "{logs:?}");
+}
+
+/// Fault recipe (h): where whole nodes are given a core is charged as a node, so that one is filled.
+pub fn a_whole_node_is_filled(cluster: &Cluster) {
+    let patients = ["01-CoA", "02-CoA", "03-CoA", "05-CoA"];
+    let cohort = Cohort::of(cluster, &patients, QUICK).set("executor.slurm.queue=standard");
+    assert_eq!(cohort.advance().code, 8);
+    assert_eq!(cohort.jobs().len(), 1);
+    assert!(!cohort.script(0).contains("--array"), "{}", cohort.script(0));
+    let id = cohort.status()["cluster"]["jobs"][0]["id"].as_str().expect("a number").to_owned();
+    assert_eq!(cluster.slurm("squeue", &["-h", "-j", &id, "-o", "%C %D"]).trim(), "128 1");
+    assert_eq!(cohort.finish(), 0);
+    cohort.assert_done();
+    // One after the other they would not have overlapped.
+    let claims = cohort.attempts_with("started.json");
+    assert!(claims.len() > 5 * patients.len());
+    assert_eq!(claims.len(), cohort.attempts_with("outcome.json").len());
 }

@@ -35,6 +35,29 @@ pub fn a_frozen_controller_has_the_job_all_the_same(cluster: &Cluster) {
     assert_eq!(cohort.attempts_with("started.json").len(), cohort.attempts_with("outcome.json").len());
 }
 
+/// Of two ticks at once one works; one that is killed does not hold up the next.
+pub fn of_two_ticks_at_once_one_works(cluster: &Cluster) {
+    let cohort = Cohort::of(cluster, &["01-CoA"], QUICK);
+    assert_eq!(cohort.advance().code, 8);
+    // A program before squeue that never ends: a tick that asks it holds the lease.
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("squeue");
+    std::fs::write(&path, "#!/bin/sh\ntouch \"$(dirname \"$0\")/asked\"\nexec sleep 300\n").expect("a program");
+    std::fs::set_permissions(&path, std::os::unix::fs::PermissionsExt::from_mode(0o755)).expect("it is ours");
+    let search = format!("{}:{}", folder.path().display(), std::env::var("PATH").expect("a PATH"));
+    let quiet = std::process::Stdio::null;
+    let mut first = cohort.command(&["advance"]);
+    let mut first = first.env("PATH", search).stdout(quiet()).stderr(quiet()).spawn().expect("it starts");
+    cluster.wait("a tick that asks", || folder.path().join("asked").exists());
+    let second = cohort.advance();
+    assert_eq!(second.code, 4, "{second:?}");
+    assert!(second.err.contains(&first.id().to_string()), "it says who holds the run: {second:?}");
+    first.kill().expect("it is ours");
+    first.wait().expect("it is ours");
+    assert_eq!(cohort.finish(), 0);
+    cohort.assert_done();
+}
+
 /// Killed at each of its first crash points, with jobs on the real cluster.
 pub fn a_killed_coordinator_is_continued(cluster: &Cluster) {
     let cohort = Cohort::of(cluster, &["01-CoA", "02-CoA"], QUICK);

@@ -5,8 +5,10 @@
 
 mod cluster;
 mod cohort;
+mod endings;
 mod failures;
 mod faults;
+mod sweeps;
 mod whole;
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -32,6 +34,7 @@ const TESTS: &[Test] = &[
     ),
     ("no accounting is needed", faults::no_accounting_is_needed),
     ("a frozen controller has the job all the same", faults::a_frozen_controller_has_the_job_all_the_same),
+    ("of two ticks at once one works", faults::of_two_ticks_at_once_one_works),
     ("a killed coordinator is continued", faults::a_killed_coordinator_is_continued),
     ("a job that a person cancels stays cancelled", failures::a_job_that_a_person_cancels_stays_cancelled),
     ("cancel ends the job and waits for it", failures::cancel_ends_the_job_and_waits_for_it),
@@ -44,6 +47,18 @@ const TESTS: &[Test] = &[
     ("a killed worker is tried again", failures::a_killed_worker_is_tried_again),
     ("a full queue is waited for", failures::a_full_queue_is_waited_for),
     ("what Slurm never takes is told", failures::what_slurm_never_takes_is_told),
+    ("a preempted job is submitted again", failures::a_preempted_job_is_submitted_again),
+    (
+        "a divergence is the science's and no job is repeated",
+        failures::a_divergence_is_the_sciences_and_no_job_is_repeated,
+    ),
+    ("bad input is never tried again", failures::bad_input_is_never_tried_again),
+    ("a worker that aborts is a defect and stops", failures::a_worker_that_aborts_is_a_defect_and_stops),
+    ("a whole node is filled", failures::a_whole_node_is_filled),
+    ("walltimes and a killed slurmd", endings::walltimes_and_a_killed_slurmd),
+    ("a killed chunk goes on at its first missing sample", sweeps::a_killed_chunk_goes_on_at_its_first_missing_sample),
+    ("a robustness sweep in 3D is packed into an array", sweeps::a_robustness_sweep_in_3d_is_packed_into_an_array),
+    ("arrays are split where Slurm says", sweeps::arrays_are_split_where_slurm_says),
 ];
 
 fn main() -> ExitCode {

@@ -22,6 +22,7 @@ pub mod process;
 pub mod progress;
 pub mod provenance;
 pub mod run;
+pub mod sample_log;
 pub mod step1;
 pub mod stop;
 pub mod tasks;

@@ -2,7 +2,7 @@
 
 use cardiotwin_schemas::finite_element::{FiniteElementSettings, LinearSolver};
 use cardiotwin_schemas::organ::OrganSpec;
-use cardiotwin_schemas::settings::{ExecutorKind, ExecutorSettings};
+use cardiotwin_schemas::settings::{ExecutorKind, ExecutorSettings, Fidelity, SolverSettings};
 use cardiotwin_schemas::task::TaskSpec;
 
 use super::entries::TaskEntry;
@@ -25,11 +25,28 @@ pub fn workers(settings: &ExecutorSettings) -> usize {
     .max(1)
 }
 
+/// Nodes of a mesh for each thread of a beat in a job: with fewer, threads wait for each other.
+const NODES_PER_THREAD: u32 = 4000;
+
+/// Threads of a patient's workers in a job, where a node has `cores`: as asked, or those that a beat on its mesh makes use of.
+#[must_use]
+pub fn threads_in_job(settings: &ExecutorSettings, solver: &SolverSettings, cores: u32) -> u32 {
+    let mesh = &solver.finite_element;
+    let is_large = solver.fidelity == Fidelity::FiniteElement && u64::from(mesh.mesh_nodes) >= LARGE_MESH_NODES;
+    match settings.threads {
+        0 if is_large && mesh.linear_solver == LinearSolver::BlockJacobi => {
+            (mesh.mesh_nodes / NODES_PER_THREAD).clamp(1, cores.max(1))
+        }
+        0 => 1,
+        n => n,
+    }
+}
+
 /// Threads of a task: as asked, or all cores for a beat on a large mesh and one for anything else.
 #[must_use]
 pub fn threads(settings: &ExecutorSettings, task: &TaskSpec) -> u32 {
     match settings.threads {
-        // What a job on another machine may use, its allocation says.
+        // In a job, its allotment says ([`threads_in_job`]).
         0 if settings.kind == ExecutorKind::Local && is_large(task) => cores() as u32,
         0 => 1,
         n => n,

@@ -5,7 +5,7 @@
 //! at once. Every simulation is an attempt in a directory of its own, as if the coordinator had begun it; the coordinator
 //! finds these directories and writes its books from them. What the time left does not hold is not begun.
 
-use std::collections::{BTreeMap, HashMap, VecDeque};
+use std::collections::{BTreeMap, BTreeSet, HashMap, VecDeque};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -13,7 +13,8 @@ use std::time::{Duration, Instant};
 
 use cardiotwin_schemas::SCHEMA_VERSION;
 use cardiotwin_schemas::allocation::{AttemptAllocation, DriverClaim, DriverEnd, DriverEnding, JobOrder, Standing};
-use cardiotwin_schemas::ids::{AttemptId, TaskKey};
+use cardiotwin_schemas::failure::FailureClass;
+use cardiotwin_schemas::ids::{AttemptId, PatientId, TaskKey};
 use cardiotwin_schemas::outcome::{Ending, TaskOutcome};
 use cardiotwin_schemas::task::{AttemptSpec, TaskSpec};
 use tokio::signal::unix::{SignalKind, signal};
@@ -77,13 +78,15 @@ pub async fn drive_job<E: Executor>(
         executor,
         running: HashMap::new(),
         left: BTreeMap::new(),
+        defects: BTreeSet::new(),
         leaving: None,
     };
     driver.run(&stop, &warned).await?;
     let end = DriverEnd {
         at: clock::now_utc(),
         because: driver.leaving.unwrap_or(DriverEnding::Finished),
-        left: driver.left.iter().map(|(&p, why)| (driver.order.patients[p].plan.id.clone(), why.clone())).collect(),
+        left: driver.left.iter().map(|(&p, why)| (driver.id(p), why.clone())).collect(),
+        defects: driver.defects.iter().map(|&p| driver.id(p)).collect(),
         wall_s: began.elapsed().as_secs_f64(),
     };
     folder.leave(place.element, place.node, &end)?;
@@ -122,6 +125,8 @@ struct Driver<'a, E> {
     /// Attempts at work, with the patients that wait for each.
     running: HashMap<AttemptId, Vec<usize>>,
     left: BTreeMap<usize, String>,
+    /// Of these, whose worker died of a defect.
+    defects: BTreeSet<usize>,
     leaving: Option<DriverEnding>,
 }
 
@@ -183,6 +188,10 @@ impl<E: Executor> Driver<'_, E> {
     /// Whether something that takes so long would not be done in time.
     fn is_late(&self, takes_s: f64) -> bool {
         self.place.leave_at_ms.is_some_and(|at| clock::now_ms() as f64 + takes_s * 1000.0 >= at as f64)
+    }
+
+    fn id(&self, patient: usize) -> PatientId {
+        self.order.patients[patient].plan.id.clone()
     }
 
     fn directory(&self, attempt: &AttemptId) -> PathBuf {
@@ -278,9 +287,9 @@ impl<E: Executor> Driver<'_, E> {
 
     async fn ended(&mut self, attempt: &AttemptId, evidence: Evidence) -> Result<(), EngineError> {
         let Some(waiters) = self.running.remove(attempt) else { return Ok(()) };
-        let reason = match &evidence {
-            Evidence::Nothing { reason, .. } => reason.clone(),
-            Evidence::Outcome { .. } => "its worker was stopped".to_owned(),
+        let (reason, defect) = match &evidence {
+            Evidence::Nothing { reason, class } => (reason.clone(), *class == FailureClass::Bug),
+            Evidence::Outcome { .. } => ("its worker was stopped".to_owned(), false),
         };
         let kind = self.ledger.kind(&attempt.task);
         let settled = self.settle(attempt, &kind, evidence);
@@ -290,6 +299,9 @@ impl<E: Executor> Driver<'_, E> {
             } else {
                 // Whose fault it was the coordinator decides: it knows what the scheduler says.
                 self.left.insert(patient, reason.clone());
+                if defect {
+                    self.defects.insert(patient);
+                }
             }
         }
         Ok(())
@@ -389,7 +401,7 @@ impl Ledger {
     fn ended(&mut self, attempt: &AttemptId, how: AttemptEnding, outcome: Option<TaskOutcome>) -> bool {
         let Some(entry) = self.tasks.get_mut(&attempt.task) else { return false };
         // Whether a failure of the site's is tried again is the coordinator's to say.
-        if how.failure().is_some_and(|f| f.class == cardiotwin_schemas::failure::FailureClass::Site) {
+        if how.failure().is_some_and(|f| f.class == FailureClass::Site) {
             return false;
         }
         let event = TaskEvent::Ended { generation: attempt.generation, how, site_retries: 0 };

@@ -124,7 +124,7 @@ pub async fn run(options: RunOptions, events: EventSender, stop: StopSignal) -> 
             source,
         })?;
         let crash = CrashPoints::from_environment();
-        return tick(options, (run_dir, lease), Installed, (worker, program), crash, events, stop).await;
+        return tick(options, (run_dir, lease), Installed::default(), (worker, program), crash, events, stop).await;
     }
     let (lock, run_dir) = enter(&options.run_dir)?;
     let workers = cores::workers(&options.executor);
@@ -209,7 +209,8 @@ pub async fn end_unwanted_jobs(run_dir: &Path, stop: StopSignal) -> Result<(), E
     let site = load_site(&options.executor.slurm)?;
     let (events, _) = tokio::sync::mpsc::unbounded_channel();
     let (nowhere, crash) = ((PathBuf::new(), PathBuf::new()), CrashPoints::from_environment());
-    let mut cluster = Cluster::new(opened, Installed, site, options.executor, nowhere, events, crash).await?;
+    let mut cluster =
+        Cluster::new(opened, Installed::default(), site, options.executor, nowhere, events, crash).await?;
     cluster.begin()?;
     cluster.end_jobs(&stop).await?;
     Ok(cluster.writer.close_file().await?)

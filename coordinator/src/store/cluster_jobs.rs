@@ -135,6 +135,10 @@ pub struct ClusterReport {
     pub answered_ms: Option<i64>,
     /// Why the last question had no answer.
     pub no_answer: Option<String>,
+    /// Commands in a row that had none.
+    pub silent: u32,
+    /// Before this time nothing is asked, milliseconds since 1970.
+    pub asks_again_ms: i64,
     /// Why nothing is submitted at present.
     pub holds: Option<String>,
     /// What a node-hour is charged, and in what.

@@ -3,9 +3,9 @@
 //! A sample's numbers depend on its own parameters alone, so they are the same however the design is cut into chunks and
 //! on however many threads a chunk is computed.
 //!
+//! Lines are kept as they are computed ([`SampleLog`]): an attempt begins at the first sample that earlier ones did not leave.
+//!
 //! Artefact: `samples.csv`, one line a sample in the design's order, columns as in [`SAMPLES_HEADING`].
-
-use std::fmt::Write as _;
 
 use cardiotwin_calibrate::Interval;
 use cardiotwin_calibrate::sobol::{DesignSettings, SaltelliDesign};
@@ -14,12 +14,13 @@ use cardiotwin_cell_engine::{
 };
 use cardiotwin_schemas::outcome::{CellSweepResult, TaskResult};
 use cardiotwin_schemas::sweep::SAMPLES_HEADING;
-use cardiotwin_schemas::task::CellSweepSpec;
+use cardiotwin_schemas::task::{CellSweepSpec, TaskSpec};
 
 use crate::cell_parameters::{NamedCell, position};
 use crate::context::Context;
 use crate::engine::settings_for;
 use crate::error::TaskError;
+use crate::sample_log::{self, SampleLog};
 
 /// Blocks after which is looked whether to stop, for each thread: some milliseconds of work.
 const BLOCKS_AT_ONCE: usize = 16;
@@ -46,29 +47,63 @@ pub fn run(spec: &CellSweepSpec, context: &mut Context) -> Result<TaskResult, Ta
     let pool = threads.transpose().map_err(TaskError::Threads)?;
     let rows_per_block = design.rows_per_block();
     let mut workspace = Workspace::new();
-    let mut text = format!("{SAMPLES_HEADING}\n");
     let mut counts = Counts::default();
     let mut outputs = Vec::new();
+    let (mut log, mut lines) = open_log(spec, engine.path(), rows_per_block, &mut counts, context)?;
     let step = BLOCKS_AT_ONCE * context.threads.max(1) as usize;
-    for first in blocks.clone().step_by(step) {
+    let total = blocks.len() * rows_per_block;
+    for first in (blocks.start + lines.len() / rows_per_block..blocks.end).step_by(step) {
         context.check_stop()?;
-        let (done, total) = ((first - blocks.start) * rows_per_block, blocks.len() * rows_per_block);
+        let done = lines.len();
         context.progress.report("samples", done as f64, Some(total as f64), || format!("{done} of {total} samples"));
-        let inputs: Vec<CellInput> =
-            design.rows(first..blocks.end.min(first + step)).iter().map(|row| cell.input(row)).collect();
+        // Of a block that was parted by the end of an earlier attempt.
+        let there = done - (first - blocks.start) * rows_per_block;
+        let rows = design.rows(first..blocks.end.min(first + step));
+        let inputs: Vec<CellInput> = rows.iter().skip(there).map(|row| cell.input(row)).collect();
         outputs.clear();
         outputs.resize(inputs.len(), CellOutput::default());
         match &pool {
             Some(pool) => pool.install(|| engine.evaluate_parallel(&inputs, None, CELLS_AT_ONCE, &mut outputs))?,
             None => engine.evaluate(&inputs, &mut workspace, &mut outputs)?,
         }
-        for (i, output) in outputs.iter().enumerate() {
-            counts.count(output);
-            write_line(&mut text, first + i / rows_per_block, i % rows_per_block, output);
+        for (row, output) in (there..).zip(&outputs) {
+            let line = line(first + row / rows_per_block, row % rows_per_block, output);
+            counts.count(&line);
+            lines.push(line);
         }
+        log.append(lines[done..].iter().map(String::as_str)).map_err(|source| unwritten(context, source))?;
     }
+    let text = [SAMPLES_HEADING].into_iter().chain(lines.iter().map(String::as_str));
+    let text = text.fold(String::new(), |text, line| text + line + "\n");
     context.artefacts.write("samples", "samples.csv", &text)?;
     Ok(TaskResult::CellSweep(counts.result(engine.path())))
+}
+
+/// The log of this attempt, with the first lines of the chunk as far as earlier attempts of the same arithmetic left them.
+fn open_log(
+    spec: &CellSweepSpec,
+    path: SimdPath,
+    rows_per_block: usize,
+    counts: &mut Counts,
+    context: &Context,
+) -> Result<(SampleLog, Vec<String>), TaskError> {
+    let key = TaskSpec::CellSweep(Box::new(spec.clone())).key();
+    let about = format!("{key} {}", arithmetic(path));
+    let (log, mut lines) =
+        SampleLog::open(&context.checkpoints, &about).map_err(|source| unwritten(context, source))?;
+    let (first, n) = (spec.first_block as usize, spec.n_blocks as usize * rows_per_block);
+    let mut expected = |(i, line): &(usize, &String)| {
+        line.starts_with(&format!("{},{},", first + i / rows_per_block, i % rows_per_block)) && counts.count(line)
+    };
+    lines.truncate(lines.iter().take(n).enumerate().take_while(|found| expected(found)).count());
+    if !lines.is_empty() {
+        tracing::info!(samples = lines.len(), of = n, "goes on after samples of an earlier attempt");
+    }
+    Ok((log, lines))
+}
+
+fn unwritten(context: &Context, source: std::io::Error) -> TaskError {
+    TaskError::Write { file: context.checkpoints.own_file(sample_log::FILE).unwrap_or_default(), source }
 }
 
 /// The design as far as this chunk reaches: its first blocks do not depend on how many follow.
@@ -113,15 +148,14 @@ fn status(status: CellStatus) -> &'static str {
     }
 }
 
-fn write_line(text: &mut String, block: usize, row: usize, output: &CellOutput) {
+/// A sample's line. `{:?}` is the shortest form of a number that reads back to the same.
+fn line(block: usize, row: usize, output: &CellOutput) -> String {
     let word = status(output.status);
-    // Writing to a text cannot fail. `{:?}` is the shortest form that reads back to the same number.
-    let _ = match output.status {
+    match output.status {
         CellStatus::Periodic | CellStatus::NotPeriodic => {
             let b = &output.biomarkers;
             let cut = u8::from(b.std30.cut || b.std50.cut || b.std90.cut);
-            writeln!(
-                text,
+            format!(
                 "{block},{row},{word},{:?},{:?},{:?},{:?},{:?},{cut},{:?},{:?},{:?},{:?},{}",
                 b.sa_max_kpa,
                 b.dsa_dt_max_kpa_per_ms,
@@ -135,8 +169,16 @@ fn write_line(text: &mut String, block: usize, row: usize, output: &CellOutput) 
                 output.beats
             )
         }
-        _ => writeln!(text, "{block},{row},{word},,,,,,,,,,,{}", output.beats),
-    };
+        _ => format!("{block},{row},{word},,,,,,,,,,,{}", output.beats),
+    }
+}
+
+fn arithmetic(path: SimdPath) -> &'static str {
+    match path {
+        SimdPath::Portable => "portable",
+        SimdPath::Avx2 => "avx2",
+        SimdPath::Avx512 => "avx512",
+    }
 }
 
 #[derive(Debug, Default)]
@@ -148,13 +190,16 @@ struct Counts {
 }
 
 impl Counts {
-    fn count(&mut self, output: &CellOutput) {
-        *match output.status {
-            CellStatus::Periodic => &mut self.periodic,
-            CellStatus::NotPeriodic => &mut self.not_periodic,
-            CellStatus::Hopeless | CellStatus::Stuck { .. } => &mut self.stuck,
-            CellStatus::Refused(_) => &mut self.refused,
+    /// Counts a line; false where it has no status.
+    fn count(&mut self, line: &str) -> bool {
+        *match line.split(',').nth(2).unwrap_or_default() {
+            "periodic" => &mut self.periodic,
+            "not-periodic" => &mut self.not_periodic,
+            "stuck" => &mut self.stuck,
+            "refused" => &mut self.refused,
+            _ => return false,
         } += 1;
+        true
     }
 
     fn result(&self, path: SimdPath) -> CellSweepResult {
@@ -164,12 +209,7 @@ impl Counts {
             n_not_periodic: self.not_periodic,
             n_stuck: self.stuck,
             n_refused: self.refused,
-            arithmetic: match path {
-                SimdPath::Portable => "portable",
-                SimdPath::Avx2 => "avx2",
-                SimdPath::Avx512 => "avx512",
-            }
-            .to_owned(),
+            arithmetic: arithmetic(path).to_owned(),
         }
     }
 }
@@ -218,6 +258,41 @@ mod tests {
         let mut parts = samples(&spec(0, 23), 1).1;
         parts.extend(samples(&spec(23, 17), 2).1.into_iter().skip(1));
         assert_eq!(parts, whole);
+    }
+
+    #[test]
+    fn an_attempt_goes_on_after_the_samples_of_an_earlier_one() {
+        use crate::checkpoint::Checkpoints;
+        use cardiotwin_schemas::ids::{AttemptId, TaskKey};
+        let root = tempfile::tempdir().unwrap();
+        let spec = spec(2, 30);
+        let attempt = |generation: u32| {
+            let directory = root.path().join(format!("abcd-g{generation}"));
+            std::fs::create_dir_all(&directory).unwrap();
+            let mut context = Context::plain(&directory, 1);
+            context.checkpoints =
+                Checkpoints::of_attempt(&directory, &AttemptId { task: TaskKey("abcd".into()), generation });
+            context.progress = crate::progress::ProgressLog::in_directory(&directory, false);
+            let result = run(&spec, &mut context);
+            let text = std::fs::read_to_string(directory.join("samples.csv")).unwrap();
+            let log = std::fs::read_to_string(directory.join("checkpoint/samples")).unwrap();
+            let begun = std::fs::read_to_string(directory.join("progress.jsonl")).unwrap_or_default();
+            (result.unwrap(), text, log, begun)
+        };
+        let (result, text, log, begun) = attempt(1);
+        assert!(begun.contains("\"0 of 240 samples\""), "{begun}");
+        assert_eq!(log.lines().count(), 1 + 240);
+        // Killed within a block, while it wrote a line.
+        let path = root.path().join("abcd-g1/checkpoint/samples");
+        let torn: String =
+            log.split_inclusive('\n').take(1 + 99).collect::<String>() + &log[log.len() - 20..log.len() - 5];
+        std::fs::write(&path, torn).unwrap();
+        let (again, text_again, log_again, begun) = attempt(2);
+        assert!(begun.contains("\"99 of 240 samples\""), "{begun}");
+        assert_eq!((again, text_again, log_again), (result.clone(), text.clone(), log));
+        // All of them there: nothing is computed.
+        let (again, text_again, _, begun) = attempt(3);
+        assert_eq!((again, text_again, begun.as_str()), (result, text, ""));
     }
 
     #[test]

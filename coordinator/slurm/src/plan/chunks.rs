@@ -59,7 +59,8 @@ impl Chunks {
     }
 }
 
-/// Chunks of a sweep: as long as [`Choices::good_length_s`], longer where the queue takes only few jobs.
+/// Chunks of a sweep: as long as [`Choices::good_length_s`], longer where the queue takes only few jobs or where a core of a
+/// node would be idle.
 ///
 /// # Errors
 /// [`PlanError`] where a block fits into no job of the queue.
@@ -94,7 +95,9 @@ pub fn chunks(
             limit: format!("{:.0} s of work", longest_work_s(queue, choices)),
         });
     }
-    let good = fit(choices.good_length_s as f64).max(1);
+    // No core is left idle that is charged: at least a sample for each, however short a job is to be.
+    let filled = u64::from(cores) / sweep.samples_per_block;
+    let good = fit(choices.good_length_s as f64).max(filled).max(1);
     let fewest = sweep.n_blocks.div_ceil(u64::from(room.jobs.max(1)));
     let blocks_per_chunk = good.max(fewest).min(most).min(sweep.n_blocks.max(1));
     let n_chunks = sweep.n_blocks.div_ceil(blocks_per_chunk);

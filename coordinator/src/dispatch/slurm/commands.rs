@@ -2,7 +2,7 @@
 
 use std::os::unix::process::ExitStatusExt as _;
 use std::process::Stdio;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use cardiotwin_slurm::answers::{Exit, Output};
 use cardiotwin_slurm::commands::{Command, ENVIRONMENT, NOT_IN_ENVIRONMENT};
@@ -12,12 +12,42 @@ use super::Scheduler;
 /// Slurm's own clients give up after some ten seconds for each message; what takes longer than this hangs.
 const PATIENCE: Duration = Duration::from_secs(60);
 
-/// Slurm's commands, found by `PATH`.
-#[derive(Debug, Default)]
-pub struct Installed;
+/// Commands at once, as many as Slurm's own limit on a user's messages takes by default (`rl_bucket_size`)…
+const AT_ONCE: f64 = 30.0;
+/// …and in each second from then on (`rl_refill_rate`).
+const EACH_SECOND: f64 = 2.0;
+
+/// Slurm's commands, found by `PATH`; no more of them than [`AT_ONCE`] and [`EACH_SECOND`].
+#[derive(Debug)]
+pub struct Installed {
+    bucket: Bucket,
+}
+
+impl Default for Installed {
+    fn default() -> Self {
+        Self { bucket: Bucket { tokens: AT_ONCE, at: Instant::now() } }
+    }
+}
+
+/// A token for each command.
+#[derive(Debug)]
+struct Bucket {
+    tokens: f64,
+    at: Instant,
+}
+
+impl Bucket {
+    /// Takes a token; how long to wait until it is there.
+    fn take(&mut self, now: Instant) -> Duration {
+        let refilled = now.saturating_duration_since(self.at).as_secs_f64() * EACH_SECOND;
+        (self.tokens, self.at) = ((self.tokens + refilled).min(AT_ONCE) - 1.0, now);
+        Duration::from_secs_f64((-self.tokens).max(0.0) / EACH_SECOND)
+    }
+}
 
 impl Scheduler for Installed {
     async fn ask(&mut self, command: &Command) -> Output {
+        tokio::time::sleep(self.bucket.take(Instant::now())).await;
         let mut process = tokio::process::Command::new(command.program);
         process.args(&command.arguments).stdin(Stdio::null()).kill_on_drop(true);
         NOT_IN_ENVIRONMENT.iter().for_each(|name| {
@@ -52,12 +82,26 @@ mod tests {
         Command { program, arguments: arguments.iter().map(|&a| a.to_owned()).collect() }
     }
 
+    #[test]
+    fn a_burst_is_free_and_what_follows_is_spread() {
+        let began = Instant::now();
+        let mut bucket = Bucket { tokens: AT_ONCE, at: began };
+        let waits: Vec<f64> = (0..34).map(|_| bucket.take(began).as_secs_f64()).collect();
+        assert!(waits[..30].iter().all(|wait| *wait == 0.0), "{waits:?}");
+        assert_eq!(waits[30..], [0.5, 1.0, 1.5, 2.0]);
+        // An hour later it is full again, and no fuller.
+        let later = began + Duration::from_secs(3600);
+        let waits: Vec<f64> = (0..32).map(|_| bucket.take(later).as_secs_f64()).collect();
+        assert_eq!(waits[30..], [0.5, 1.0]);
+    }
+
     #[tokio::test]
     async fn codes_signals_and_missing_commands_are_told() {
         let sh = |script: &'static str| command("sh", &["-c", script]);
-        let output = Installed.ask(&sh("echo $SLURM_TIME_FORMAT; echo no >&2; exit 3")).await;
+        let mut installed = Installed::default();
+        let output = installed.ask(&sh("echo $SLURM_TIME_FORMAT; echo no >&2; exit 3")).await;
         assert_eq!((output.exit, output.stdout.as_str(), output.stderr.as_str()), (Exit::Code(3), "%s\n", "no\n"));
-        assert_eq!(Installed.ask(&sh("kill -9 $$")).await.exit, Exit::Signal(9));
-        assert_eq!(Installed.ask(&command("no-such-slurm", &[])).await.exit, Exit::Code(127));
+        assert_eq!(installed.ask(&sh("kill -9 $$")).await.exit, Exit::Signal(9));
+        assert_eq!(installed.ask(&command("no-such-slurm", &[])).await.exit, Exit::Code(127));
     }
 }

@@ -8,6 +8,7 @@
 //!  act:     fences, scancel, sbatch ([`submit`])
 //! ```
 
+mod breaker;
 mod expect;
 mod follow;
 mod observe;

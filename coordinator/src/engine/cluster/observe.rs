@@ -49,6 +49,9 @@ impl<S: Scheduler> Cluster<S> {
         if live == 0 && !(0..self.world.patients.len()).any(|i| wants_place(&self.world, i)) {
             return Ok(());
         }
+        if self.leaves_slurm_alone() {
+            return Ok(());
+        }
         let queue = self.ask(commands::queue(), queue::read).await;
         self.queue.clone_from(&queue);
         let queued = queue.map(|table| by_key(table, |row| (row.name.clone(), row.id.element)));
@@ -81,6 +84,7 @@ impl<S: Scheduler> Cluster<S> {
                 if command.program == "squeue" {
                     self.report.answered_ms = Some(self.world.now_ms);
                     self.report.no_answer = None;
+                    self.answered(None);
                 }
                 Some(answer)
             }
@@ -88,6 +92,7 @@ impl<S: Scheduler> Cluster<S> {
                 // Without accounting sacct never answers: the queue and the jobs themselves have to do.
                 if command.program == "squeue" {
                     self.report.no_answer = Some(error.to_string());
+                    self.answered(Some(&error.to_string()));
                 }
                 None
             }

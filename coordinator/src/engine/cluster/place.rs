@@ -12,8 +12,8 @@ use cardiotwin_slurm::state::Bearing;
 
 use super::{Cluster, Expectations};
 use crate::dispatch::slurm::Scheduler;
-use crate::engine::EngineError;
 use crate::engine::world::World;
+use crate::engine::{EngineError, cores};
 use crate::machine::patient::Patient;
 use crate::machine::task::Task;
 use crate::store::cluster_jobs::{Allotment, JobSpec, Placed};
@@ -164,7 +164,8 @@ pub fn plan_jobs(
         let plan = world.plan(i)?;
         let in_3d = plan.workflow == Workflow::Personalise && plan.settings.solver.fidelity == Fidelity::FiniteElement;
         let Allotment { memory_mib, lanes, exclude, .. } = world.jobs.allotment(world.patients[i].row.id);
-        let like = Like { in_3d, threads: settings.threads.max(1), memory_mib, lanes, exclude };
+        let threads = cores::threads_in_job(settings, &plan.settings.solver, site.node.cores);
+        let like = Like { in_3d, threads, memory_mib, lanes, exclude };
         groups.entry(like).or_default().push(i);
     }
     let mut jobs = Vec::new();

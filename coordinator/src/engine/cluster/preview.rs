@@ -85,7 +85,7 @@ pub async fn preview(options: &RunOptions, program: &Path) -> Result<PlannedRun,
         world.await_present_task(i);
         decider.decide(&mut world, i)?;
     }
-    let mut scheduler = Installed;
+    let mut scheduler = Installed::default();
     let mut remarks = discover_now(&mut site, &mut scheduler).await;
     let rows = match queue::read(&scheduler.ask(&commands::queue()).await) {
         Ok(table) => table.rows,

@@ -112,7 +112,7 @@ impl<S: Scheduler> Cluster<S> {
         progressed: bool,
     ) -> Result<(), EngineError> {
         let patient_id = self.world.patients[i].row.id;
-        let left = self.left_because(i, row, element);
+        let (left, defect) = self.left_because(i, row, element);
         let class = match ending.cause {
             Some(SiteCause::Walltime) => Class::Walltime,
             Some(SiteCause::OutOfMemory) => Class::OutOfMemory,
@@ -120,6 +120,7 @@ impl<S: Scheduler> Cluster<S> {
             Some(SiteCause::Preemption) => Class::Preemption,
             Some(SiteCause::Cancelled) => return self.cancelled(i, &row.name, interrupted),
             Some(SiteCause::Refused) => Class::BadInput,
+            _ if defect => Class::Panic,
             Some(SiteCause::Unexplained) => Class::Unexplained,
             // The job came to its end: what it left had too little time, or a worker that died.
             None if interrupted.is_none() => Class::Walltime,
@@ -167,23 +168,24 @@ impl<S: Scheduler> Cluster<S> {
                 }
             }
             Next::Stays { why } => {
-                let cause = ending.cause.or(Some(if class == Class::Walltime {
-                    SiteCause::Walltime
-                } else {
-                    SiteCause::Unexplained
-                }));
-                let failure = Failure { cause, ..Failure::new(FailureClass::Site, said(&why)) };
+                let (class, cause) = match class {
+                    Class::Panic => (FailureClass::Bug, None),
+                    Class::Walltime => (FailureClass::Site, ending.cause.or(Some(SiteCause::Walltime))),
+                    _ => (FailureClass::Site, ending.cause.or(Some(SiteCause::Unexplained))),
+                };
+                let failure = Failure { cause, ..Failure::new(class, said(&why)) };
                 self.fail(i, interrupted, failure)
             }
             Next::Science { .. } => Ok(()), // divergence is in the outcome, and the workflow's to judge
         }
     }
 
-    /// Why the driver left a patient, in its words.
-    fn left_because(&self, i: usize, row: &JobRow, element: usize) -> Option<String> {
+    /// Why the driver left a patient, in its words, and whether its worker died of a defect.
+    fn left_because(&self, i: usize, row: &JobRow, element: usize) -> (Option<String>, bool) {
         let folder = JobFolder::of(&self.world.run_dir, &row.name);
         let id = PatientId(self.world.patients[i].row.patient.clone());
-        (0..row.spec.n_nodes).find_map(|node| folder.ended(element, node)?.left.get(&id).cloned())
+        let ends: Vec<_> = (0..row.spec.n_nodes).filter_map(|node| folder.ended(element, node)).collect();
+        (ends.iter().find_map(|end| end.left.get(&id).cloned()), ends.iter().any(|end| end.defects.contains(&id)))
     }
 
     /// A failure of the site's that stays: the attempt at the present task ends with it, or one that never began.

@@ -34,7 +34,7 @@ impl<S: Scheduler> Cluster<S> {
     /// Does the actions of committed batches.
     pub(super) async fn act(&mut self) -> Result<(), EngineError> {
         let mut cancelled: Vec<(i64, String, usize)> = Vec::new();
-        let mut room = Room::Open;
+        let mut room = if self.leaves_slurm_alone() { Room::Closed } else { Room::Open };
         let actions = std::mem::take(&mut self.world.outbox);
         let mut kept = Vec::new();
         // Fences first: what is submitted below may go past what they stop.
@@ -96,8 +96,10 @@ impl<S: Scheduler> Cluster<S> {
             }
         }
         let numbers = (!numbers.is_empty()).then(|| commands::cancel(&numbers));
-        let mut done = true;
-        for command in numbers.into_iter().chain(names.iter().map(commands::cancel_name)) {
+        let asks = !self.leaves_slurm_alone();
+        let mut done = asks;
+        let wishes = numbers.into_iter().chain(names.iter().map(commands::cancel_name));
+        for command in wishes.filter(|_| asks) {
             self.report.commands += 1;
             done &= self.scheduler.ask(&command).await.exit == Exit::Code(0);
         }
@@ -131,7 +133,12 @@ impl<S: Scheduler> Cluster<S> {
         self.report.commands += 1;
         let output = self.scheduler.ask(&commands::submit(&folder.script().to_string_lossy())).await;
         self.crash.pass("after sbatch")?;
-        let room = match submit::read(&output) {
+        let answer = submit::read(&output);
+        match &answer {
+            Answer::Doubtful { why } => self.answered(Some(why)),
+            _ => self.answered(None),
+        }
+        let room = match answer {
             Answer::Accepted { job, .. } => {
                 self.submitted += row.spec.elements.len() as u64;
                 self.world.job_event(name, JobEvent::Accepted { job: Some(job.job) })?;

@@ -1,0 +1,36 @@
+//! Slurm that does not answer is left alone for a while: a controller in trouble is not helped by more questions, and each of
+//! ours may hang for a minute.
+
+use super::Cluster;
+use crate::clock;
+use crate::dispatch::slurm::Scheduler;
+
+/// Commands in a row without an answer after which it is left alone.
+const PATIENCE: u32 = 3;
+/// Longest time that it is left alone, ms.
+const LONGEST_MS: i64 = 3_600_000;
+
+impl<S: Scheduler> Cluster<S> {
+    /// Whether Slurm is to be left alone at present.
+    pub(super) fn leaves_slurm_alone(&self) -> bool {
+        self.world.now_ms < self.report.asks_again_ms
+    }
+
+    /// Takes down whether a command was answered: after [`PATIENCE`] in a row that were not, Slurm is left alone for the
+    /// grace time, twice as long after each further one.
+    pub(super) fn answered(&mut self, unanswered: Option<&str>) {
+        let Some(why) = unanswered else {
+            (self.report.silent, self.report.asks_again_ms) = (0, 0);
+            return;
+        };
+        self.report.silent += 1;
+        if let Some(further) = self.report.silent.checked_sub(PATIENCE) {
+            let grace_ms = i64::try_from(self.settings.slurm.grace_s).unwrap_or(LONGEST_MS).saturating_mul(1000);
+            let pause_ms = grace_ms.saturating_mul(1 << further.min(12)).min(LONGEST_MS);
+            self.report.asks_again_ms = self.world.now_ms + pause_ms;
+            let (n, until) = (self.report.silent, clock::utc_text(self.report.asks_again_ms));
+            self.report.no_answer =
+                Some(format!("left alone until {until} after {n} commands without an answer: {why}"));
+        }
+    }
+}

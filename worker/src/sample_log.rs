@@ -1,0 +1,145 @@
+//! Lines of samples, kept as they are computed, so that a later attempt begins at the first that is missing.
+//!
+//! The file is `checkpoint/samples` in the attempt's directory, one for each worker: a line of JSON (format, what the lines
+//! are of), then for each sample a checksum in 16 hexadecimal digits, a blank and the sample's line. It is not synced: what a
+//! power failure tears the checksum tells, and it costs only the time to compute it again.
+
+use std::fmt::Write as _;
+use std::fs::{self, File};
+use std::io::{self, Write as _};
+use std::path::Path;
+
+use serde::{Deserialize, Serialize};
+
+use crate::checkpoint::Checkpoints;
+
+/// Raised when an older file would be misread.
+const FORMAT: u32 = 1;
+/// Name of the file among an attempt's checkpoints.
+pub const FILE: &str = "samples";
+
+#[derive(Debug, PartialEq, Serialize, Deserialize)]
+struct Header {
+    format: u32,
+    samples: String,
+}
+
+/// Lines of samples, appended.
+#[derive(Debug)]
+pub struct SampleLog {
+    file: Option<File>,
+}
+
+impl SampleLog {
+    /// A log of this attempt's, with the lines that an earlier attempt left: those of the one that came furthest.
+    ///
+    /// - `about`: what the lines are of; a log of anything else is left aside
+    ///
+    /// # Errors
+    /// Any error of the file system in making the new file.
+    pub fn open(checkpoints: &Checkpoints, about: &str) -> io::Result<(Self, Vec<String>)> {
+        let header = Header { format: FORMAT, samples: about.to_owned() };
+        let earlier = checkpoints.earlier_files(FILE);
+        let lines = earlier.iter().filter_map(|path| read(path, &header)).max_by_key(Vec::len).unwrap_or_default();
+        let mut log = Self { file: None };
+        if let Some(path) = checkpoints.own_file(FILE) {
+            if let Some(folder) = path.parent() {
+                fs::create_dir_all(folder)?;
+            }
+            let mut file = File::create(path)?;
+            file.write_all(format!("{}\n", serde_json::to_string(&header).map_err(io::Error::other)?).as_bytes())?;
+            log.file = Some(file);
+        }
+        log.append(lines.iter().map(String::as_str))?;
+        Ok((log, lines))
+    }
+
+    /// Appends lines, all of them in one write.
+    ///
+    /// # Errors
+    /// Any error of the file system.
+    pub fn append<'a>(&mut self, lines: impl Iterator<Item = &'a str>) -> io::Result<()> {
+        let Some(file) = &mut self.file else { return Ok(()) };
+        let mut text = String::new();
+        for line in lines {
+            // Writing to a text cannot fail.
+            let _ = writeln!(text, "{:016x} {line}", checksum(line));
+        }
+        file.write_all(text.as_bytes())
+    }
+}
+
+/// FNV-1a: tells damage, not malice.
+fn checksum(line: &str) -> u64 {
+    line.bytes().fold(0xcbf2_9ce4_8422_2325, |hash, byte| (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3))
+}
+
+/// The lines of a file up to the first that is not sound; nothing where it is no such file, or of something else.
+fn read(path: &Path, header: &Header) -> Option<Vec<String>> {
+    let bytes = fs::read(path).ok()?;
+    // The last line is whole only with its end.
+    let end = bytes.iter().rposition(|byte| *byte == b'\n')?;
+    let mut lines = bytes[..end].split(|byte| *byte == b'\n');
+    if serde_json::from_slice::<Header>(lines.next()?).ok()? != *header {
+        tracing::warn!(file = %path.display(), "checkpoint is of other samples, and left aside");
+        return None;
+    }
+    let sound = |line: &[u8]| {
+        let (sum, line) = std::str::from_utf8(line).ok()?.split_once(' ')?;
+        (u64::from_str_radix(sum, 16).ok()? == checksum(line)).then(|| line.to_owned())
+    };
+    Some(lines.map_while(sound).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use cardiotwin_schemas::ids::{AttemptId, TaskKey};
+    use std::path::PathBuf;
+
+    fn checkpoints(root: &Path, generation: u32) -> Checkpoints {
+        let directory = root.join(format!("abcd-g{generation}"));
+        fs::create_dir_all(&directory).unwrap();
+        Checkpoints::of_attempt(&directory, &AttemptId { task: TaskKey("abcd".into()), generation })
+    }
+
+    fn leave(root: &Path, generation: u32, lines: &[&str]) -> PathBuf {
+        let (mut log, _) = SampleLog::open(&checkpoints(root, generation), "a").unwrap();
+        log.append(lines.iter().copied()).unwrap();
+        root.join(format!("abcd-g{generation}/checkpoint/{FILE}"))
+    }
+
+    fn recalled(root: &Path, generation: u32, about: &str) -> Vec<String> {
+        SampleLog::open(&checkpoints(root, generation), about).unwrap().1
+    }
+
+    #[test]
+    fn a_later_attempt_has_the_lines_of_the_one_that_came_furthest() {
+        let root = tempfile::tempdir().unwrap();
+        leave(root.path(), 1, &["0,0,x", "0,1,y", "0,2,z"]);
+        assert_eq!(recalled(root.path(), 2, "a"), ["0,0,x", "0,1,y", "0,2,z"]);
+        // The third goes on from the second, which holds what it was given.
+        fs::remove_dir_all(root.path().join("abcd-g1")).unwrap();
+        assert_eq!(recalled(root.path(), 3, "a").len(), 3);
+        assert!(recalled(root.path(), 4, "b").is_empty(), "of other samples");
+        assert_eq!(recalled(root.path(), 5, "a").len(), 3, "the fourth has none, the third has");
+    }
+
+    #[test]
+    fn what_follows_damage_is_left_aside() {
+        let root = tempfile::tempdir().unwrap();
+        let path = leave(root.path(), 1, &["0,0,1.5", "0,1,2.5", "0,2,3.5"]);
+        let sound = fs::read(&path).unwrap();
+        for cut in 1..sound.len() {
+            fs::write(&path, &sound[..sound.len() - cut]).unwrap();
+            let left = recalled(root.path(), 2, "a");
+            assert!(left.len() < 3 && left.iter().zip(["0,0,1.5", "0,1,2.5"]).all(|(a, b)| a == b), "{left:?}");
+            fs::remove_dir_all(root.path().join("abcd-g2")).unwrap();
+        }
+        let mut flipped = sound.clone();
+        let second = sound.len() - 30;
+        flipped[second] ^= 1;
+        fs::write(&path, &flipped).unwrap();
+        assert_eq!(recalled(root.path(), 2, "a"), ["0,0,1.5"]);
+    }
+}
