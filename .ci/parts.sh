@@ -85,17 +85,17 @@ for target in $(integration_targets | sort -u | grep -vx mpi); do
 done
 
 # The worker on MPI ranks, where an MPI is found; MPICH's: `make test-mpich`.
+# The whole workspace is selected here too, so that no dependency is compiled twice.
+with_mpi=()
 if missing=$(deploy/mpi-found.sh); then
-    part "tests: mpi" "$CARGO" test --release --locked --package cardiotwin-worker --features mpi --test mpi -q
+    with_mpi=(--features cardiotwin-worker/mpi)
+    part "tests: mpi" "$CARGO" test --release --locked --workspace "${with_mpi[@]}" --test mpi -q
 else
     skipped "tests: mpi" "$missing"
 fi
 
 if $CARGO clippy --version >/dev/null 2>&1; then
-    part "clippy, warnings are errors" "$CARGO" clippy --release --locked --workspace --all-targets -- -D warnings
-    if deploy/mpi-found.sh >/dev/null; then
-        part "clippy of the MPI worker" "$CARGO" clippy --release --locked --package cardiotwin-worker --features mpi --bin cardiotwin-worker-mpi --test mpi -- -D warnings
-    fi
+    part "clippy, warnings are errors" "$CARGO" clippy --release --locked --workspace "${with_mpi[@]}" --all-targets -- -D warnings
 else
     skipped "clippy" "clippy is not installed"
 fi
