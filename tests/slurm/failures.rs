@@ -158,7 +158,15 @@ pub fn a_preempted_job_is_submitted_again(cluster: &Cluster) {
     cohort.running_job();
     cohort.wait_for_checkpoint();
     // A job of a partition that comes first takes all nodes.
-    let urgent = ["--parsable", "--partition=main", "--nodes=4", "--exclusive", "--time=10", "--wrap=sleep 600"];
+    let urgent = [
+        "--parsable",
+        "--partition=main",
+        "--nodes=4",
+        "--exclusive",
+        "--time=10",
+        "--output=/dev/null",
+        "--wrap=sleep 600",
+    ];
     let urgent = cluster.slurm("sbatch", &urgent).trim().to_owned();
     cluster.wait("another job", || {
         cohort.advance();
