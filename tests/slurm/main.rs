@@ -8,6 +8,7 @@ mod cohort;
 mod endings;
 mod failures;
 mod faults;
+mod kills;
 mod sweeps;
 mod whole;
 
@@ -61,23 +62,31 @@ const TESTS: &[Test] = &[
     ("arrays are split where Slurm says", sweeps::arrays_are_split_where_slurm_says),
 ];
 
+/// Run where they are asked for with `--ignored`: the first finds a defect that docs/slurm.md names, the others take minutes.
+const LONG: &[Test] = &[
+    ("a cohort in 3D survives kills", kills::a_cohort_in_3d_survives_kills),
+    ("seven patients in 3D survive kills", kills::seven_patients_in_3d_survive_kills),
+    ("a hundred random kills", kills::a_hundred_random_kills),
+];
+
 fn main() -> ExitCode {
+    let tests = if std::env::args().any(|a| a == "--ignored") { LONG } else { TESTS };
     let wanted: Vec<String> = std::env::args().skip(1).filter(|a| !a.starts_with('-')).collect();
     if std::env::args().any(|a| a == "--list") {
-        TESTS.iter().for_each(|(name, _)| println!("{name}: test"));
+        tests.iter().for_each(|(name, _)| println!("{name}: test"));
         return ExitCode::SUCCESS;
     }
     let cluster = match Cluster::get() {
         Ok(cluster) => cluster,
         Err(why) => {
             eprintln!("not tested: no Slurm can be had here: {why}");
-            println!("test result: ok. 0 passed; {} without a Slurm", TESTS.len());
+            println!("test result: ok. 0 passed; {} without a Slurm", tests.len());
             return ExitCode::SUCCESS;
         }
     };
     let (mut passed, mut failed) = (0, Vec::new());
     for (name, test) in
-        TESTS.iter().filter(|(name, _)| wanted.is_empty() || wanted.iter().any(|w| name.contains(w.as_str())))
+        tests.iter().filter(|(name, _)| wanted.is_empty() || wanted.iter().any(|w| name.contains(w.as_str())))
     {
         let began = Instant::now();
         cluster.recover();

@@ -1,0 +1,220 @@
+//! A cohort comes to its end whatever is killed meanwhile: nothing is lost, published twice, or begun again once it is done.
+
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+use std::process::Child;
+use std::time::{Duration, Instant};
+
+use rustix::process::Signal;
+
+use crate::cluster::Cluster;
+use crate::cohort::{Cohort, QUICK, Tally, lives, pid_of, signal};
+
+const SEVEN: [&str; 7] = ["01-CoA", "02-CoA", "03-CoA", "04-CoA", "05-CoA", "06-CoA", "07-CoA"];
+/// The paper's search, shorter.
+const STEP2: &str = "popsize = 5\nmax_generations = 60\n";
+const NODES: [&str; 4] = ["n1", "n2", "n3", "n4"];
+
+/// Personalisations in 3D, two at once on a node.
+fn in_3d<'a>(cluster: &'a Cluster, patients: &[&str], step2: &str) -> Cohort<'a> {
+    Cohort::of(cluster, patients, step2)
+        .set("solver.fidelity=finite-element")
+        .set("solver.finite_element.mesh_nodes=500")
+        .set("executor.slurm.memory_MiB=120000")
+        .set("executor.site_retries=100")
+        .set("executor.slurm.free_repeats=1000")
+}
+
+/// Workers at work: their claims.
+fn workers(cohort: &Cohort) -> Vec<PathBuf> {
+    let begun = cohort.attempts_with("started.json").into_iter().filter(|path| !path.join("outcome.json").exists());
+    begun.map(|path| path.join("started.json")).filter(|claim| pid_of(claim).is_some_and(lives)).collect()
+}
+
+/// Drivers at work: their claims.
+fn drivers(cohort: &Cohort) -> Vec<PathBuf> {
+    let files = cohort.jobs().into_iter().flat_map(|job| std::fs::read_dir(job).into_iter().flatten().flatten());
+    let claims = files
+        .map(|entry| entry.path())
+        .filter(|path| path.file_name().is_some_and(|name| name.to_string_lossy().starts_with("started-")));
+    claims.filter(|claim| pid_of(claim).is_some_and(lives)).collect()
+}
+
+/// The coordinator, begun again where it is dead.
+struct Coordinator<'a> {
+    cohort: &'a Cohort<'a>,
+    process: Child,
+}
+
+impl<'a> Coordinator<'a> {
+    fn start(cohort: &'a Cohort<'a>) -> Self {
+        Self { cohort, process: cohort.watch() }
+    }
+
+    fn kill(&mut self) {
+        let _ = self.process.kill();
+        self.process.wait().expect("it is ours");
+    }
+
+    /// Whether it ended by itself: everything is over. Where it left for another reason it is begun again.
+    #[track_caller]
+    fn is_over(&mut self) -> bool {
+        match self.process.try_wait().expect("it is ours").map(|status| status.code()) {
+            None => false,
+            Some(Some(0)) => true,
+            Some(Some(1)) => panic!(
+                "a patient failed: {:#}\n{}\n{}",
+                self.cohort.status(),
+                self.cohort
+                    .cluster
+                    .slurm("sacct", &["-P", "-X", "-o", "jobid,jobname,state,exitcode,reason,start,end"]),
+                self.cohort.cluster.slurm("scontrol", &["show", "job"]),
+            ),
+            Some(_) => {
+                self.process = self.cohort.watch();
+                false
+            }
+        }
+    }
+}
+
+impl Drop for Coordinator<'_> {
+    fn drop(&mut self) {
+        let _ = self.process.kill();
+        let _ = self.process.wait();
+    }
+}
+
+/// Coordinator, database daemon, controller and a worker are killed; with `by_slurms_clock` a slurmd, too, and one job runs
+/// into its walltime.
+fn every_kind_of_kill(cluster: &Cluster, cohort: &Cohort, by_slurms_clock: bool) -> Tally {
+    let mut coordinator = Coordinator::start(cohort);
+    cluster.wait("workers", || !workers(cohort).is_empty());
+    coordinator.kill();
+    cluster.kill("slurmdbd");
+    cluster.kill("slurmctld");
+    coordinator = Coordinator::start(cohort); // it meets neither
+    cluster.wait("a worker", || !workers(cohort).is_empty());
+    workers(cohort).first().into_iter().for_each(|claim| signal(claim, Signal::KILL));
+    cluster.revive("slurmdbd"); // without it a controller that has just been killed does not start
+    cluster.revive("slurmctld");
+    let mut down = None;
+    if by_slurms_clock {
+        let jobs = || cluster.slurm("squeue", &["--me", "-h", "-r", "-t", "R", "-o", "%i %N"]);
+        let find = |other: &str| {
+            let rows = jobs();
+            let mut rows = rows.lines().filter_map(|row| row.split_once(' '));
+            rows.find(|(_, node)| *node != other).map(|(id, node)| (id.to_owned(), node.to_owned()))
+        };
+        cluster.wait("two jobs on two nodes", || find("").is_some_and(|(_, node)| find(&node).is_some()));
+        let (late, node) = find("").expect("it was there");
+        cluster.slurm("scontrol", &["update", &format!("jobid={late}"), "endtime=now+1"]);
+        let (_, node) = find(&node).expect("it was there");
+        cluster.kill(&node);
+        down = Some(node);
+    }
+    cluster.wait_for(Duration::from_secs(1800), "the end of the cohort", || coordinator.is_over());
+    if let Some(node) = down {
+        cluster.revive(&node);
+    }
+    cohort.assert_done();
+    cohort.tally()
+}
+
+pub fn a_cohort_in_3d_survives_kills(cluster: &Cluster) {
+    let cohort = in_3d(cluster, &["01-CoA", "05-CoA"], QUICK);
+    let tally = every_kind_of_kill(cluster, &cohort, false);
+    assert!(tally.published > 10, "{tally:?}");
+}
+
+/// Minutes; its table is in docs/slurm.md.
+pub fn seven_patients_in_3d_survive_kills(cluster: &Cluster) {
+    let cohort = in_3d(cluster, &SEVEN, STEP2);
+    let began = Instant::now();
+    let tally = every_kind_of_kill(cluster, &cohort, true);
+    println!("seven patients in 3D, {} jobs, {:.0} s: {tally:?}", cohort.jobs().len(), began.elapsed().as_secs_f64());
+}
+
+/// A series of numbers that look random.
+struct Series(u64);
+
+impl Series {
+    fn below(&mut self, n: usize) -> usize {
+        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        usize::try_from((self.0 >> 33) % n.max(1) as u64).expect("small")
+    }
+}
+
+/// `CARDIOTWIN_KILLS` kills (100) of whatever is there, over as many cohorts as that takes; its table is in docs/slurm.md.
+pub fn a_hundred_random_kills(cluster: &Cluster) {
+    let number = |name: &str, else_: u64| std::env::var(name).ok().and_then(|n| n.parse().ok()).unwrap_or(else_);
+    let (wanted, mut series) = (number("CARDIOTWIN_KILLS", 100), Series(number("CARDIOTWIN_SEED", 1)));
+    let mut kills: BTreeMap<&str, u64> = BTreeMap::new();
+    let (mut total, mut n_cohorts, mut n_jobs) = (Tally::default(), 0, 0);
+    let began = Instant::now();
+    while kills.values().sum::<u64>() < wanted {
+        let cohort = Cohort::of(cluster, &["01-CoA", "02-CoA", "03-CoA", "05-CoA"], STEP2)
+            .set("executor.slurm.memory_MiB=120000")
+            .set("executor.site_retries=100")
+            .set("executor.slurm.free_repeats=1000")
+            // So slow that there is something to kill.
+            .set("solver.time_step_ms=0.05")
+            .set("solver.shortest_step_ms=0.01");
+        let mut coordinator = Coordinator::start(&cohort);
+        let mut down: Vec<(&str, Instant)> = Vec::new();
+        let since = Instant::now();
+        while !coordinator.is_over() {
+            assert!(since.elapsed() < Duration::from_secs(900), "it does not end: {:#}", cohort.status());
+            // Daemons come back after a while: a slurmd sooner or later than its jobs are given up.
+            down.retain(|(daemon, at)| {
+                let is_due = at <= &Instant::now();
+                is_due.then(|| cluster.revive(daemon));
+                !is_due
+            });
+            // A controller does not start without the database daemon.
+            if down.iter().any(|(daemon, _)| *daemon == "slurmctld")
+                && let Some(at) = down.iter().position(|(daemon, _)| *daemon == "slurmdbd")
+            {
+                cluster.revive(down.swap_remove(at).0);
+            }
+            std::thread::sleep(Duration::from_millis(300 + 100 * series.below(10) as u64));
+            if kills.values().sum::<u64>() >= wanted {
+                continue;
+            }
+            let pick =
+                |series: &mut Series, of: Vec<PathBuf>| (!of.is_empty()).then(|| of[series.below(of.len())].clone());
+            let killed = match series.below(6) {
+                0 => {
+                    coordinator.kill();
+                    coordinator = Coordinator::start(&cohort);
+                    Some("coordinator")
+                }
+                1 => pick(&mut series, drivers(&cohort)).map(|claim| (signal(&claim, Signal::KILL), "driver").1),
+                2 => pick(&mut series, workers(&cohort)).map(|claim| (signal(&claim, Signal::KILL), "worker").1),
+                daemon => {
+                    let (name, kind) = match daemon {
+                        3 => (NODES[series.below(4)], "slurmd"),
+                        4 => ("slurmctld", "slurmctld"),
+                        _ => ("slurmdbd", "slurmdbd"),
+                    };
+                    (down.iter().all(|(other, _)| *other != name)).then(|| {
+                        cluster.kill(name);
+                        let longest = if kind == "slurmd" { 40 } else { 4 };
+                        down.push((name, Instant::now() + Duration::from_secs(series.below(longest) as u64)));
+                        kind
+                    })
+                }
+            };
+            if let Some(kind) = killed {
+                *kills.entry(kind).or_default() += 1;
+            }
+        }
+        cohort.assert_done();
+        total += cohort.tally();
+        n_cohorts += 1;
+        n_jobs += cohort.jobs().len();
+        drop(coordinator);
+        cluster.recover();
+    }
+    println!("{kills:?}, {n_cohorts} cohorts, {n_jobs} jobs, {:.0} s: {total:?}", began.elapsed().as_secs_f64());
+}
