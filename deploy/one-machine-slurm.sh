@@ -253,7 +253,7 @@ CONF
     )
 }
 make_database() {
-    mariadb-install-db --no-defaults --datadir="$ROOT/db" --tmpdir="$ROOT/tmp" --auth-root-authentication-method=normal \
+    mariadb-install-db --no-defaults --force --datadir="$ROOT/db" --tmpdir="$ROOT/tmp" --auth-root-authentication-method=normal \
         --skip-name-resolve --skip-test-db --innodb-flush-method=nosync --innodb-log-file-size=16M \
         ${AS_ROOT:+--user=root} >"$ROOT/log/mariadb-install-db.log" 2>&1 ||
         { tail -n 20 "$ROOT/log/mariadb-install-db.log" >&2; fail "mariadb-install-db failed"; }

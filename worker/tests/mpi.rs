@@ -33,6 +33,8 @@ fn mpirun(n_ranks: usize, arguments: &[&str]) -> Command {
     for name in ["OMPI_ALLOW_RUN_AS_ROOT", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM", "OMPI_MCA_rmaps_base_oversubscribe"] {
         command.env(name, "1");
     }
+    // The same from Open MPI 5 on.
+    command.env("PRTE_MCA_rmaps_default_mapping_policy", ":oversubscribe");
     // Ranks that share a core nap by themselves; a yield inside each of MPI's calls besides costs milliseconds where others work.
     command.env("OMPI_MCA_mpi_yield_when_idle", "0");
     command.stdin(Stdio::null());
