@@ -17,7 +17,7 @@ const AT_ONCE: f64 = 30.0;
 /// …and in each second from then on (`rl_refill_rate`).
 const EACH_SECOND: f64 = 2.0;
 
-/// Slurm's commands, found by `PATH`; no more of them than [`AT_ONCE`] and [`EACH_SECOND`].
+/// Slurm's commands, found by `PATH`; no more of them than `AT_ONCE` and `EACH_SECOND`.
 #[derive(Debug)]
 pub struct Installed {
     bucket: Bucket,
