@@ -14,16 +14,7 @@
 use std::fmt::Write as _;
 use std::io;
 
-use cardiotwin_models::beat::{BeatTraces, NodalTraces};
-
-/// Times and nodal traces of a beat, and whether calcium is among them.
-#[derive(Debug, Clone, PartialEq)]
-pub struct NodalBeat {
-    /// The beat, of which only times and nodes are filled.
-    pub beat: BeatTraces,
-    /// Whether the file has calcium; the traces hold zeros otherwise.
-    pub has_calcium: bool,
-}
+use cardiotwin_models::beat::NodalTraces;
 
 /// Why a file is not one of nodal traces.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -125,48 +116,89 @@ fn header(n_nodes: usize, with_calcium: bool) -> String {
     header
 }
 
-/// Reads what [`to_csv`] wrote.
-///
-/// # Errors
-/// [`NodalError`] with the line that is not as it must be.
-pub fn from_csv(text: &str) -> Result<NodalBeat, NodalError> {
-    let mut lines = text.lines();
-    let first = lines.next().unwrap_or_default();
-    let activation: Option<Vec<f64>> = first.strip_prefix("# activation_ms: ").and_then(numbers);
-    let activation_ms = activation.ok_or_else(|| NodalError::Activation { found: beginning(first) })?;
-    let n_nodes = activation_ms.len();
-    let second = lines.next().unwrap_or_default();
-    let weights = second.strip_prefix("# weight: ").and_then(numbers).filter(|weights| weights.len() == n_nodes);
-    let weights = weights.ok_or_else(|| NodalError::Weight { n_nodes, found: beginning(second) })?;
-    let third = lines.next().unwrap_or_default();
-    let with_calcium = [false, true].into_iter().find(|with_calcium| third == header(n_nodes, *with_calcium));
-    let has_calcium = with_calcium.ok_or_else(|| NodalError::Header { n_nodes, found: beginning(third) })?;
+/// Reads what [`write_csv`] wrote, a row at a time.
+#[derive(Debug)]
+pub struct NodalRows<R> {
+    from: R,
+    text: Vec<u8>,
+    /// Lines so far.
+    line: usize,
+    last_ms: Option<f64>,
+    /// Activation time of each node \[ms\].
+    pub activation_ms: Vec<f64>,
+    /// Weight of each node.
+    pub weights: Vec<f64>,
+    /// Whether rows have calcium.
+    pub has_calcium: bool,
+}
 
-    let mut nodes = NodalTraces { n_nodes, activation_ms, weights, ..NodalTraces::default() };
-    let mut time_ms: Vec<f64> = Vec::new();
-    let n_columns = 1 + n_nodes * columns(has_calcium).len();
-    for (row, text) in lines.enumerate() {
-        let line = row + 4;
-        let values = numbers(text).filter(|values| values.len() == n_columns);
-        let values = values.ok_or(NodalError::Row { line, n_columns })?;
-        if time_ms.last().is_some_and(|last| *last >= values[0]) {
-            return Err(NodalError::Time { line });
+/// Why nodal traces cannot be read.
+#[derive(Debug, thiserror::Error)]
+pub enum NodalReadError {
+    /// The file system.
+    #[error(transparent)]
+    Io(#[from] io::Error),
+    /// What is in the file.
+    #[error(transparent)]
+    Content(#[from] NodalError),
+}
+
+impl<R: io::BufRead> NodalRows<R> {
+    /// Reads what precedes the rows.
+    ///
+    /// # Errors
+    /// [`NodalReadError`] with the line that is not as it must be.
+    pub fn begin(from: R) -> Result<Self, NodalReadError> {
+        let (text, activation_ms, weights) = (vec![], vec![], vec![]);
+        let mut rows = Self { from, text, line: 0, last_ms: None, activation_ms, weights, has_calcium: false };
+        let first = rows.next_line()?.unwrap_or_default();
+        let activation: Option<Vec<f64>> = first.strip_prefix("# activation_ms: ").and_then(numbers);
+        rows.activation_ms = activation.ok_or_else(|| NodalError::Activation { found: beginning(&first) })?;
+        let n_nodes = rows.activation_ms.len();
+        let second = rows.next_line()?.unwrap_or_default();
+        let weights = second.strip_prefix("# weight: ").and_then(numbers).filter(|weights| weights.len() == n_nodes);
+        rows.weights = weights.ok_or_else(|| NodalError::Weight { n_nodes, found: beginning(&second) })?;
+        let third = rows.next_line()?.unwrap_or_default();
+        let with_calcium = [false, true].into_iter().find(|with_calcium| third == header(n_nodes, *with_calcium));
+        rows.has_calcium = with_calcium.ok_or_else(|| NodalError::Header { n_nodes, found: beginning(&third) })?;
+        Ok(rows)
+    }
+
+    /// Time and values of the next row, as [`write_csv`] got them; `None` at the end.
+    ///
+    /// # Errors
+    /// [`NodalReadError`] with the line that is not as it must be; three rows at least.
+    pub fn next_row(&mut self) -> Result<Option<(f64, Vec<f64>)>, NodalReadError> {
+        let n_columns = 1 + self.activation_ms.len() * columns(self.has_calcium).len();
+        let text = self.next_line()?;
+        let line = self.line;
+        let Some(text) = text else {
+            // Three lines precede the rows.
+            return if line < 3 + 3 { Err(NodalError::Time { line: line + 1 }.into()) } else { Ok(None) };
+        };
+        let values = numbers(&text).filter(|values| values.len() == n_columns);
+        let mut values = values.ok_or(NodalError::Row { line, n_columns })?;
+        let time_ms = values.remove(0);
+        if self.last_ms.is_some_and(|last| last >= time_ms) {
+            return Err(NodalError::Time { line }.into());
         }
-        time_ms.push(values[0]);
-        let mut parts = values[1..].chunks_exact(n_nodes);
-        nodes.sa_kpa.extend_from_slice(parts.next().unwrap_or_default());
-        if has_calcium {
-            nodes.ca_um.extend_from_slice(parts.next().unwrap_or_default());
+        self.last_ms = Some(time_ms);
+        Ok(Some((time_ms, values)))
+    }
+
+    /// The rest of the file, unread.
+    pub fn into_inner(self) -> R {
+        self.from
+    }
+
+    fn next_line(&mut self) -> io::Result<Option<String>> {
+        self.text.clear();
+        if self.from.read_until(b'\n', &mut self.text)? == 0 {
+            return Ok(None);
         }
-        nodes.lambda.extend_from_slice(parts.next().unwrap_or_default());
+        self.line += 1;
+        Ok(Some(String::from_utf8_lossy(&self.text).trim_end_matches(['\n', '\r']).to_owned()))
     }
-    if time_ms.len() < 3 {
-        return Err(NodalError::Time { line: time_ms.len() + 4 });
-    }
-    if !has_calcium {
-        nodes.ca_um = vec![0.0; nodes.sa_kpa.len()];
-    }
-    Ok(NodalBeat { beat: BeatTraces { time_ms, nodes: Some(nodes), ..BeatTraces::default() }, has_calcium })
 }
 
 /// A number in nine significant digits, without zeros that say nothing.
@@ -209,7 +241,23 @@ mod tests {
     }
 
     fn read(text: &str) -> Result<(Vec<f64>, NodalTraces, bool), NodalError> {
-        from_csv(text).map(|read| (read.beat.time_ms, read.beat.nodes.unwrap(), read.has_calcium))
+        let content = |error| match error {
+            NodalReadError::Content(error) => error,
+            NodalReadError::Io(error) => panic!("{error}"),
+        };
+        let mut rows = NodalRows::begin(text.as_bytes()).map_err(content)?;
+        let n_nodes = rows.activation_ms.len();
+        let mut nodes = NodalTraces { n_nodes, ..NodalTraces::default() };
+        let mut times = vec![];
+        while let Some((time, values)) = rows.next_row().map_err(content)? {
+            times.push(time);
+            nodes.sa_kpa.extend(&values[..n_nodes]);
+            nodes.lambda.extend(&values[values.len() - n_nodes..]);
+            let calcium = &values[n_nodes..values.len() - n_nodes];
+            if rows.has_calcium { nodes.ca_um.extend(calcium) } else { nodes.ca_um.extend(vec![0.0; n_nodes]) }
+        }
+        (nodes.activation_ms, nodes.weights) = (rows.activation_ms, rows.weights);
+        Ok((times, nodes, rows.has_calcium))
     }
 
     #[test]
@@ -247,5 +295,8 @@ mod tests {
         assert_eq!(read(&row), Err(NodalError::Row { line: 5, n_columns: 5 }));
         let time = text.replace("\n2.5,", "\n0.5,");
         assert_eq!(read(&time), Err(NodalError::Time { line: 6 }));
+        let short = text.replace("\n2.5,100,3,1,1", "");
+        assert_ne!(short, text);
+        assert_eq!(read(&short), Err(NodalError::Time { line: 6 }));
     }
 }

@@ -7,7 +7,7 @@ use cardiotwin_schemas::outcome::{Ending, TaskResult};
 use cardiotwin_schemas::settings::{CellFitSettings, Step1Settings};
 use cardiotwin_schemas::task::TaskSpec;
 use cardiotwin_worker::context::Context;
-use cardiotwin_worker::nodal;
+use cardiotwin_worker::nodal::NodalRows;
 use cardiotwin_worker::run::simulate;
 use cardiotwin_worker::tasks::run_task;
 
@@ -60,7 +60,7 @@ fn traces_become_a_verified_cell() {
     };
     assert_eq!(verified.failed_check(), None);
     let text = std::fs::read_to_string(scratch.path().join("nodal.csv")).unwrap();
-    assert!(nodal::from_csv(&text).unwrap().has_calcium);
+    assert!(NodalRows::begin(text.as_bytes()).unwrap().has_calcium);
 }
 
 #[test]

@@ -1,6 +1,8 @@
 //! Median over nodes of active stress, calcium and stretch, aligned by activation time: the targets of step 2 (Jung 2022, 2.3.1),
 //! and how the nodes spread around it (Figure 2).
 
+use std::collections::VecDeque;
+
 use crate::beat::BeatTraces;
 use crate::cell0d::ActiveStressBiomarkers;
 use crate::cell0d::biomarkers::active_stress_biomarkers;
@@ -41,34 +43,12 @@ impl NodalSpread {
     #[must_use]
     pub fn of(beat: &BeatTraces) -> Option<Self> {
         let nodes = beat.nodes.as_ref()?;
-        let last = *beat.time_ms.last()?;
-        let interval = beat.time_ms.get(1)? - beat.time_ms[0];
-        let latest = nodes.activation_ms.iter().fold(0.0, |latest: f64, t| latest.max(*t));
-        let n = ((last - latest) / interval + 1e-9).floor();
-        if n < 0.0 || nodes.n_nodes == 0 {
-            return None;
+        let mut growing = GrowingSpread::new(nodes.activation_ms.clone(), nodes.weights.clone(), true);
+        for (k, time_ms) in beat.time_ms.iter().enumerate() {
+            let of = |trace: &[f64]| trace[k * nodes.n_nodes..(k + 1) * nodes.n_nodes].to_vec();
+            growing.add(*time_ms, [of(&nodes.sa_kpa), of(&nodes.ca_um), of(&nodes.lambda)].concat());
         }
-        let time_ms: Vec<f64> = (0..=n as usize).map(|k| k as f64 * interval).collect();
-        let spread = |trace: &[f64]| -> Vec<[f64; 5]> {
-            let mut values = Vec::with_capacity(nodes.n_nodes);
-            time_ms
-                .iter()
-                .map(|t| {
-                    values.clear();
-                    let aligned = nodes.activation_ms.iter().zip(&nodes.weights).enumerate();
-                    values.extend(aligned.map(|(i, (t_a, weight))| {
-                        (sample(&beat.time_ms, interval, |k| trace[k * nodes.n_nodes + i], t + t_a), *weight)
-                    }));
-                    weighted_quantiles(&mut values)
-                })
-                .collect()
-        };
-        Some(Self {
-            sa_kpa: spread(&nodes.sa_kpa),
-            ca_um: spread(&nodes.ca_um),
-            lambda: spread(&nodes.lambda),
-            time_ms,
-        })
+        growing.finish()
     }
 
     /// The medians alone.
@@ -98,12 +78,119 @@ impl MedianTraces {
     }
 }
 
-/// Linear interpolation on the beat's grid: a constant interval, but for the last sample.
-fn sample(time_ms: &[f64], interval: f64, value: impl Fn(usize) -> f64, t: f64) -> f64 {
-    let last = time_ms.len() - 1;
-    let k = ((t / interval) as usize).min(last.saturating_sub(1));
-    let share = ((t - time_ms[k]) / (time_ms[k + 1] - time_ms[k])).clamp(0.0, 1.0);
-    value(k) + share * (value(k + 1) - value(k))
+/// A [`NodalSpread`] that grows sample by sample of the beat. It holds as many samples as lie between the first and the last
+/// activation: those of a large mesh do not fit memory.
+#[derive(Debug)]
+pub struct GrowingSpread {
+    activation_ms: Vec<f64>,
+    weights: Vec<f64>,
+    with_calcium: bool,
+    earliest_ms: f64,
+    latest_ms: f64,
+    /// Samples that are still needed, with their times.
+    held: VecDeque<(f64, Vec<f64>)>,
+    /// Which sample of the beat is the first that is held.
+    first: usize,
+    start_ms: f64,
+    interval_ms: f64,
+    found: NodalSpread,
+}
+
+impl GrowingSpread {
+    /// Of nodes that are activated at these times \[ms\], with their weights; samples have calcium or not.
+    #[must_use]
+    pub fn new(activation_ms: Vec<f64>, weights: Vec<f64>, with_calcium: bool) -> Self {
+        let latest_ms = activation_ms.iter().fold(0.0, |latest: f64, t| latest.max(*t));
+        let earliest_ms = activation_ms.iter().fold(latest_ms, |earliest, t| earliest.min(*t));
+        Self {
+            activation_ms,
+            weights,
+            with_calcium,
+            earliest_ms,
+            latest_ms,
+            held: VecDeque::new(),
+            first: 0,
+            start_ms: 0.0,
+            interval_ms: 0.0,
+            found: NodalSpread::default(),
+        }
+    }
+
+    /// Adds the next sample: active stress \[kPa\], calcium \[µM\] where samples have it, and stretch of all nodes.
+    pub fn add(&mut self, time_ms: f64, values: Vec<f64>) {
+        match self.first + self.held.len() {
+            0 => self.start_ms = time_ms,
+            1 => self.interval_ms = time_ms - self.start_ms,
+            _ => {}
+        }
+        self.held.push_back((time_ms, values));
+        let newest = self.first + self.held.len() - 1;
+        if self.is_empty() {
+            return;
+        }
+        // What lies between samples that are here, whatever follows.
+        while self.before(self.next_ms() + self.latest_ms) < newest {
+            self.append(newest);
+        }
+        while self.held.len() > 2 && self.first < self.before(self.next_ms() + self.earliest_ms) {
+            self.held.pop_front();
+            self.first += 1;
+        }
+    }
+
+    /// All of it; `None` without a node or two samples, or when a node is activated after the last one.
+    #[must_use]
+    pub fn finish(mut self) -> Option<NodalSpread> {
+        let newest = (self.first + self.held.len()).checked_sub(2)? + 1;
+        let n = ((self.held.back()?.0 - self.latest_ms) / self.interval_ms + 1e-9).floor();
+        if n < 0.0 || self.is_empty() {
+            return None;
+        }
+        while self.found.time_ms.len() <= n as usize {
+            self.append(newest);
+        }
+        Some(self.found)
+    }
+
+    /// Whether there is no node, or no interval between samples.
+    fn is_empty(&self) -> bool {
+        self.interval_ms <= 0.0 || self.activation_ms.is_empty()
+    }
+
+    /// Time since activation of what comes next.
+    fn next_ms(&self) -> f64 {
+        self.found.time_ms.len() as f64 * self.interval_ms
+    }
+
+    /// The sample before a time: the interval is constant, but for the last one.
+    fn before(&self, time_ms: f64) -> usize {
+        (time_ms / self.interval_ms) as usize
+    }
+
+    /// Appends what comes next, with `newest` the last sample that is held.
+    fn append(&mut self, newest: usize) {
+        let (t, n_nodes) = (self.next_ms(), self.activation_ms.len());
+        let mut values = Vec::with_capacity(n_nodes);
+        let mut quantiles = |quantity: usize| {
+            values.clear();
+            values.extend(self.activation_ms.iter().zip(&self.weights).enumerate().map(|(i, (t_a, weight))| {
+                let at = t + t_a;
+                let k = self.before(at).min(newest - 1) - self.first;
+                let ((begin_ms, from), (end_ms, to)) = (&self.held[k], &self.held[k + 1]);
+                let share = ((at - begin_ms) / (end_ms - begin_ms)).clamp(0.0, 1.0);
+                let (from, to) = (from[quantity * n_nodes + i], to[quantity * n_nodes + i]);
+                (from + share * (to - from), *weight)
+            }));
+            weighted_quantiles(&mut values)
+        };
+        let stress = quantiles(0);
+        let calcium = if self.with_calcium { quantiles(1) } else { [0.0; 5] };
+        let stretch = quantiles(if self.with_calcium { 2 } else { 1 });
+        self.found.sa_kpa.push(stress);
+        self.found.ca_um.push(calcium);
+        self.found.lambda.push(stretch);
+        self.found.time_ms.push(t);
+    }
 }
 
 /// Values at which the weights below are the shares [`LEVELS`], linear between values.
@@ -183,6 +270,42 @@ mod tests {
         for (t, sa) in median.time_ms.iter().zip(&median.sa_kpa) {
             assert!((sa - shape(*t)).abs() < 1e-12, "{t} {sa}");
         }
+    }
+
+    #[test]
+    fn few_samples_are_held_at_a_time_and_the_last_interval_may_be_short() {
+        let activation_ms = vec![2.0, 9.5, 4.0, 7.25];
+        let weights = vec![0.1, 0.4, 0.3, 0.2];
+        let mut time_ms: Vec<f64> = (0..200).map(|k| 0.5 * f64::from(k)).collect();
+        time_ms.push(99.8);
+        let value = |t: f64, i: usize| (0.1 * t).sin() + i as f64 * (0.05 * t).cos();
+        let mut growing = GrowingSpread::new(activation_ms.clone(), weights.clone(), false);
+        for t in &time_ms {
+            let row = (0..4).map(|i| value(*t, i)).chain((0..4).map(|i| -value(*t, i))).collect();
+            growing.add(*t, row);
+            // 7.5 ms between the activations.
+            assert!(growing.held.len() <= 15 + 3, "{}", growing.held.len());
+        }
+        let found = growing.finish().expect("a spread");
+        assert_eq!((found.time_ms.len(), found.time_ms[180]), (181, 90.0));
+        for (k, t) in found.time_ms.iter().enumerate() {
+            // As it is with all samples at hand.
+            let mut values: Vec<(f64, f64)> = (0..4)
+                .map(|i| {
+                    let at = t + activation_ms[i];
+                    let k = ((at / 0.5) as usize).min(time_ms.len() - 2);
+                    let share = ((at - time_ms[k]) / (time_ms[k + 1] - time_ms[k])).clamp(0.0, 1.0);
+                    let (from, to) = (value(time_ms[k], i), value(time_ms[k + 1], i));
+                    (from + share * (to - from), weights[i])
+                })
+                .collect();
+            assert_eq!(found.sa_kpa[k], weighted_quantiles(&mut values), "at {t} ms");
+            assert_eq!(found.ca_um[k], [0.0; 5]);
+            assert!((found.lambda[k][2] + found.sa_kpa[k][2]).abs() < 1e-12);
+        }
+        let mut late = GrowingSpread::new(vec![50.0], vec![1.0], true);
+        (0..3).for_each(|k| late.add(f64::from(k), vec![0.0; 3]));
+        assert_eq!(late.finish(), None);
     }
 
     #[test]

@@ -6,15 +6,15 @@
 use std::fmt::Write as _;
 
 use cardiotwin_models::cell0d::ActiveStressBiomarkers;
-use cardiotwin_models::median_traces::{LEVELS, MedianTraces, NodalSpread};
+use cardiotwin_models::median_traces::{GrowingSpread, LEVELS, MedianTraces, NodalSpread};
 use cardiotwin_schemas::biomarkers::CellBiomarkers;
 use cardiotwin_schemas::outcome::{TargetsResult, TaskResult};
 use cardiotwin_schemas::task::TargetsSpec;
 
 use crate::context::Context;
 use crate::error::TaskError;
-use crate::inputs::read_verified;
-use crate::nodal::{self, NodalBeat, NodalError, number};
+use crate::inputs::{Verifying, missing};
+use crate::nodal::{NodalReadError, NodalRows, number};
 
 /// Reads nodal traces and gives the biomarkers of their medians.
 ///
@@ -22,11 +22,19 @@ use crate::nodal::{self, NodalBeat, NodalError, number};
 /// [`TaskError`] when the file is not as planned, or its traces have no biomarkers.
 pub fn run(spec: &TargetsSpec, context: &mut Context) -> Result<TaskResult, TaskError> {
     context.check_stop()?;
-    let bytes = read_verified(&spec.nodal)?;
-    let refused = |source: NodalError| TaskError::Nodal { file: spec.nodal.path.clone(), source };
-    let NodalBeat { beat, has_calcium } = nodal::from_csv(&String::from_utf8_lossy(&bytes)).map_err(refused)?;
-    let n_nodes = beat.nodes.as_ref().map_or(0, |nodes| nodes.n_nodes) as u64;
-    let spread = NodalSpread::of(&beat).ok_or(TaskError::NoMedian { n_nodes })?;
+    let (spread, n_nodes, has_calcium) = match read(spec, context) {
+        Ok(found) => found,
+        Err(Unread::Stopped(error)) => return Err(error),
+        Err(Unread::File(error)) => {
+            // A file that was changed is that first, whatever is in it.
+            Verifying::open(&spec.nodal)?.into_inner().verify()?;
+            return Err(match error {
+                NodalReadError::Io(source) => missing(&spec.nodal, source),
+                NodalReadError::Content(source) => TaskError::Nodal { file: spec.nodal.path.clone(), source },
+            });
+        }
+    };
+    let spread = spread.ok_or(TaskError::NoMedian { n_nodes })?;
     let median = spread.median();
     let biomarkers = median.biomarkers().filter(|biomarkers| biomarkers.sa_max_kpa > 0.0);
     let targets = to_schema(&biomarkers.ok_or(TaskError::NoMedian { n_nodes })?);
@@ -34,6 +42,32 @@ pub fn run(spec: &TargetsSpec, context: &mut Context) -> Result<TaskResult, Task
     context.artefacts.write("spread", "spread.csv", &spread_csv(&spread, has_calcium))?;
     let lambda_0 = median.lambda[0];
     Ok(TaskResult::Targets(TargetsResult { lambda_0, targets, n_nodes, has_calcium }))
+}
+
+/// Why nodal traces were not read.
+enum Unread {
+    Stopped(TaskError),
+    File(NodalReadError),
+}
+
+impl From<NodalReadError> for Unread {
+    fn from(error: NodalReadError) -> Self {
+        Self::File(error)
+    }
+}
+
+/// How nodes spread, how many they are and whether they have calcium, from a file that is read row by row.
+fn read(spec: &TargetsSpec, context: &Context) -> Result<(Option<NodalSpread>, u64, bool), Unread> {
+    let mut rows = NodalRows::begin(Verifying::open(&spec.nodal).map_err(Unread::Stopped)?)?;
+    let has_calcium = rows.has_calcium;
+    let mut growing = GrowingSpread::new(rows.activation_ms.clone(), rows.weights.clone(), has_calcium);
+    while let Some((time_ms, values)) = rows.next_row()? {
+        growing.add(time_ms, values);
+        context.check_stop().map_err(Unread::Stopped)?;
+    }
+    let n_nodes = rows.activation_ms.len() as u64;
+    rows.into_inner().into_inner().verify().map_err(Unread::Stopped)?;
+    Ok((growing.finish(), n_nodes, has_calcium))
 }
 
 /// The biomarkers that step 2 aims at, in the form of files.
