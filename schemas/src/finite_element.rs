@@ -156,6 +156,10 @@ pub struct FiniteElementSettings {
     pub newton_iterations: u32,
     /// How linear systems are solved.
     pub linear_solver: LinearSolver,
+    /// Longest time step of late filling: after ejection, with the mitral valve open, while pressure changes by less than 0.1 mmHg
+    /// a millisecond. 0: as any other.
+    #[serde(skip_serializing_if = "crate::task::is_zero")]
+    pub diastolic_step_ms: f64,
     /// The wall.
     pub wall: WallSettings,
     /// Fibres.
@@ -179,6 +183,7 @@ impl Default for FiniteElementSettings {
             tolerance: 1e-4,
             newton_iterations: 12,
             linear_solver: LinearSolver::default(),
+            diastolic_step_ms: 0.0,
             wall: WallSettings::default(),
             fibres: FibreSettings::default(),
             conduction: ConductionSettings::default(),
@@ -205,7 +210,8 @@ impl FiniteElementSettings {
     /// What a beat needs of them.
     #[must_use]
     pub fn equations(&self) -> EquationSettings {
-        EquationSettings { tolerance: self.tolerance, linear_solver: self.linear_solver, potentials: None }
+        let Self { tolerance, linear_solver, diastolic_step_ms, .. } = *self;
+        EquationSettings { tolerance, linear_solver, diastolic_step_ms, potentials: None }
     }
 }
 
@@ -269,6 +275,9 @@ pub struct EquationSettings {
     pub tolerance: f64,
     /// How linear systems are solved.
     pub linear_solver: LinearSolver,
+    /// Longest time step of late filling \[ms\]; 0: as any other.
+    #[serde(default, skip_serializing_if = "crate::task::is_zero")]
+    pub diastolic_step_ms: f64,
     /// Speeds of the wave whose transmembrane potentials are wanted after the beat; absent: none are.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub potentials: Option<ConductionSettings>,

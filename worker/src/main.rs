@@ -190,7 +190,14 @@ fn execute(command: Command) -> anyhow::Result<ExitCode> {
                 Elements::Linear => bench::Element::Linear,
                 Elements::Pointwise => bench::Element::Pointwise,
             };
-            let what = bench::VentricleBench { nodes, element, cycle_ms: cycle, step_ms: step, tolerance };
+            let what = bench::VentricleBench {
+                nodes,
+                element,
+                cycle_ms: cycle,
+                step_ms: step,
+                diastolic_step_ms: 0.0,
+                tolerance,
+            };
             let report = |word: &str| eprintln!("{word}");
             match kernel {
                 Kernel::Beat => {

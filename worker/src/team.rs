@@ -1,13 +1,25 @@
-//! Ranks of other processes: rank 0 does a task as it would alone, and calls the others to a beat in 3D.
+//! Ranks of other processes: rank 0 does a task as it would alone, and calls the others to step 0 and to a beat in 3D.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use cardiotwin_mechanics::parallel::Communicator;
 use cardiotwin_schemas::task::OrganBeatSpec;
+use serde::{Deserialize, Serialize};
 
 use crate::error::TaskError;
+use crate::finite_element::passive::{self, PassiveOrder};
+use crate::finite_element::stored::About;
 use crate::tasks::organ_beat;
+
+/// What rank 0 calls the others to; the mesh comes from it, too.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub(crate) enum Call {
+    /// A beat of the ventricle that a file is about.
+    Beat(Box<OrganBeatSpec>, Box<About>),
+    /// Unloading and fit of a passive law.
+    PassiveState(Box<PassiveOrder>),
+}
 
 /// A group of ranks.
 #[derive(Debug, Clone)]
@@ -16,7 +28,7 @@ pub struct Team {
     amid: Arc<AtomicBool>,
 }
 
-/// A beat that all ranks compute. When it is dropped, other than by a panic, the others wait for the next.
+/// Work that all ranks share. When it is dropped, other than by a panic, the others wait for the next.
 #[derive(Debug)]
 pub(crate) struct Session(Arc<AtomicBool>);
 
@@ -48,22 +60,28 @@ impl Team {
         self.comm.n_ranks()
     }
 
+    /// The communicator, for several owners.
+    #[must_use]
+    pub fn shared_comm(&self) -> Arc<dyn Communicator> {
+        Arc::clone(&self.comm)
+    }
+
     /// The ranks' communicator.
     #[must_use]
     pub fn comm(&self) -> Box<dyn Communicator> {
         Box::new(Arc::clone(&self.comm))
     }
 
-    /// Whether rank 0 left the others amid a beat: they wait for something that does not come, and whoever launched the
+    /// Whether rank 0 left the others amid their work: they wait for something that does not come, and whoever launched the
     /// ranks has to end them.
     #[must_use]
     pub fn is_amid(&self) -> bool {
         self.amid.load(Ordering::Relaxed)
     }
 
-    /// Calls the other ranks to a beat; for rank 0.
-    pub(crate) fn begin(&self, spec: &OrganBeatSpec) -> Session {
-        let words = serde_json::to_vec(spec).expect("a specification is JSON");
+    /// Calls the other ranks; for rank 0.
+    pub(crate) fn begin(&self, call: &Call) -> Session {
+        let words = serde_json::to_vec(call).expect("a call is JSON");
         self.amid.store(true, Ordering::Relaxed);
         self.comm.order(&mut [words.len() as f64]);
         let mut words: Vec<f64> = words.into_iter().map(f64::from).collect();
@@ -71,12 +89,12 @@ impl Team {
         Session(Arc::clone(&self.amid))
     }
 
-    /// Lets the other ranks go; for rank 0, which is not amid a beat.
+    /// Lets the other ranks go; for rank 0, which is not amid shared work.
     pub fn dismiss(&self) {
         self.comm.order(&mut [0.0]);
     }
 
-    /// Helps with beats until rank 0 lets go; for the other ranks.
+    /// Helps until rank 0 lets go; for the other ranks.
     ///
     /// # Errors
     /// [`TaskError`] of this rank: whoever launched the ranks has to end all.
@@ -90,8 +108,10 @@ impl Team {
             let mut words = vec![0.0; length[0] as usize];
             self.comm.broadcast(&mut words);
             let words: Vec<u8> = words.into_iter().map(|word| word as u8).collect();
-            let spec: OrganBeatSpec = serde_json::from_slice(&words).expect("rank 0 sends a specification");
-            organ_beat::serve(&spec, self)?;
+            match serde_json::from_slice(&words).expect("rank 0 sends a call") {
+                Call::Beat(spec, about) => organ_beat::serve(&spec, &about, self)?,
+                Call::PassiveState(order) => passive::serve(&order, self),
+            }
         }
     }
 }

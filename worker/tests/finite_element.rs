@@ -18,6 +18,7 @@ use cardiotwin_schemas::task::{OrganBeatSpec, PassiveStateSpec, TaskSpec};
 use cardiotwin_worker::checkpoint::Checkpoints;
 use cardiotwin_worker::context::Context;
 use cardiotwin_worker::finite_element::checkpoint::{BeatCheckpoint, CheckpointError, FILE};
+use cardiotwin_worker::nodal::NodalRows;
 use cardiotwin_worker::tasks::run_task;
 use support::{beat_spec, passive_state, step0, vtk_reader};
 
@@ -272,6 +273,37 @@ fn potentials_come_after_the_beat_where_they_are_asked_for() {
         median(1),
         median(121)
     );
+    long_steps_in_late_filling_leave_every_row(folder.path(), &state);
+}
+
+fn long_steps_in_late_filling_leave_every_row(folder: &Path, state: &PassiveStateResult) {
+    let usual = beat(state, 800.0);
+    let mut long = usual.clone();
+    long.finite_element.as_mut().expect("in 3D").diastolic_step_ms = 8.0;
+    let nodal = |name: &str, spec: &OrganBeatSpec| {
+        let own = folder.join(name);
+        std::fs::create_dir(&own).unwrap();
+        let result = finished(run(spec, &mut Context::plain(&own, 1)));
+        let text = read(&own, "nodal.csv");
+        let mut rows = NodalRows::begin(&text[..]).expect("nodal traces");
+        let mut all = vec![];
+        while let Some(row) = rows.next_row().expect("a row") {
+            all.push(row);
+        }
+        (result, all)
+    };
+    let ((want, rows_of_usual), (got, rows)) = (nodal("usual", &usual), nodal("long", &long));
+    assert!(got.counters["steps_tried"] < want.counters["steps_tried"] - 20.0, "{:?}", got.counters);
+    assert_eq!(rows.len(), 401);
+    for ((time, values), (want_time, want_values)) in rows.iter().zip(&rows_of_usual) {
+        assert_eq!(time, want_time);
+        // Stretch is the second half.
+        let n = values.len() / 2;
+        let apart = values[n..].iter().zip(&want_values[n..]).fold(0.0_f64, |m, (a, b)| m.max((a - b).abs()));
+        assert!(apart < 0.02, "stretches {apart} apart at {time} ms");
+    }
+    let off = got.biomarkers.sv_ml.expect("SV") / want.biomarkers.sv_ml.expect("SV") - 1.0;
+    assert!(off.abs() < 2e-3, "{off}");
 }
 
 #[test]

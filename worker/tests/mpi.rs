@@ -110,7 +110,52 @@ fn ranks_of(pid: u32) -> Vec<u32> {
     found
 }
 
-// One test for all that needs the ventricle: step 0 is what takes time.
+#[test]
+fn step_0_on_two_ranks_is_that_on_two_threads_and_is_heard_when_it_has_to_stop() {
+    let folder = tempfile::tempdir().expect("a folder");
+    // A mesh that is large enough for multigrid, and a law that is given.
+    let mesh = FiniteElementSettings { mesh_nodes: 3400, ..FiniteElementSettings::default() };
+    let spec =
+        PassiveStateSpec { finite_element: Some(mesh.anatomy(&[])), guccione_c_kpa: Some(0.8), ..step0("01-CoA") };
+    let task = TaskSpec::PassiveState(Box::new(spec));
+    let file = written(folder.path(), &task);
+    let by_threads = folder.path().join("threads");
+    fs::create_dir(&by_threads).expect("a folder");
+    let want = run_task(&task, &mut Context::plain(&by_threads, 2));
+    let by_ranks = folder.path().join("ranks");
+    let arguments = ["simulate", text(&file), "--out", text(&by_ranks), "--ranks", "2"];
+    let out = output(mpirun(2, &arguments));
+    assert!(out.status.success(), "{}", said(&out));
+    let got: TaskOutcome = serde_json::from_slice(&out.stdout).expect("an outcome");
+    let iterations = |ending: Ending| match ending {
+        Ending::Succeeded { result } => match *result {
+            TaskResult::PassiveState(result) => result.counters["newton_iterations"],
+            other => panic!("{other:?}"),
+        },
+        other => panic!("{other:?}"),
+    };
+    assert_eq!(iterations(got.ending), iterations(want));
+    let [a, b] = [&by_threads, &by_ranks].map(|folder| fs::read(folder.join("ventricle.bin")).expect("a file"));
+    assert!(a == b, "the ventricle on ranks differs from that on threads");
+
+    // SIGTERM to rank 0 in the unloading ends all, with an outcome that says so.
+    let directory = attempt(folder.path(), &task);
+    let mut child = mpirun(2, &["run", text(&directory), "--quiet"]).spawn().expect("the launcher starts");
+    let progress = || fs::read_to_string(directory.join("progress.jsonl")).unwrap_or_default();
+    until(&mut child, "begun to unload", || progress().contains("Newton iterations so far"));
+    let claim: serde_json::Value =
+        serde_json::from_slice(&fs::read(directory.join("started.json")).expect("a claim")).expect("JSON");
+    let begun = Instant::now();
+    let rank_0 = claim["pid"].to_string();
+    assert!(Command::new("kill").arg(rank_0).status().expect("kill").success());
+    child.wait().expect("a child");
+    assert!(begun.elapsed() < 2 * ALL_END_WITHIN, "{:?}", begun.elapsed());
+    let outcome = fs::read(directory.join("outcome.json")).expect("an outcome");
+    let outcome: TaskOutcome = serde_json::from_slice(&outcome).expect("JSON");
+    assert!(matches!(outcome.ending, Ending::Cancelled), "{:?}", outcome.ending);
+}
+
+// One test for all that needs the beat: step 0 is what takes time.
 #[test]
 fn a_beat_on_two_ranks_is_that_on_two_threads_and_ends_whole_or_with_a_checkpoint() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -176,7 +221,8 @@ fn so_many_subdomains_give_the_same_bits_on_any_number_of_ranks(folder: &Path, s
     assert!(said(&refused).contains("--subdomains 3: expected a multiple of the 2 ranks"), "{}", said(&refused));
 }
 
-fn an_attempt_says_how_many_ranks_it_needs(folder: &Path, task: &TaskSpec) {
+/// The directory of an attempt that has two threads or ranks.
+fn attempt(folder: &Path, task: &TaskSpec) -> PathBuf {
     let directory = folder.join("attempt");
     fs::create_dir(&directory).expect("a folder");
     let spec = AttemptSpec {
@@ -188,6 +234,11 @@ fn an_attempt_says_how_many_ranks_it_needs(folder: &Path, task: &TaskSpec) {
         task: task.clone(),
     };
     fs::write(directory.join("spec.json"), serde_json::to_string(&spec).expect("JSON")).expect("a file");
+    directory
+}
+
+fn an_attempt_says_how_many_ranks_it_needs(folder: &Path, task: &TaskSpec) {
+    let directory = attempt(folder, task);
     let out = output(mpirun(3, &["run", text(&directory)]));
     assert!(
         !out.status.success() && said(&out).contains("found 3 ranks, expected 2 (threads in spec.json)"),

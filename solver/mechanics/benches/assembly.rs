@@ -40,6 +40,7 @@ fn bodies(n: usize) -> Vec<(&'static str, usize, Body)> {
             frame: &frame,
             volume,
             layout: Layout::whole(mesh.nodes.len()),
+            elements: &[],
         };
         out.push((name, mesh.tets.len(), Body::linear(&input, &SingleProcess).expect("a proper mesh")));
     }
@@ -52,6 +53,7 @@ fn bodies(n: usize) -> Vec<(&'static str, usize, Body)> {
         frame: &frame,
         volume: NODAL,
         layout: Layout::whole(second.nodes.len()),
+        elements: &[],
     };
     out.push(("quadratic nodal", second.tets.len(), Body::quadratic(&input, &SingleProcess).expect("a proper mesh")));
     out

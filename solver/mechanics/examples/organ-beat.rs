@@ -8,7 +8,7 @@ use std::time::Instant;
 use cardiotwin_mechanics::newton::LinearSolver;
 use cardiotwin_mechanics::organ::passive_fit::fit;
 use cardiotwin_mechanics::organ::{
-    Anatomy, ElementKind, FiniteElementVentricle, Fitted, PassiveFit, PassiveState, Search, UnloadingSettings,
+    Anatomy, ElementKind, FiniteElementVentricle, Fitted, PassiveFit, PassiveState, Piece, Search, UnloadingSettings,
     VentricleParts, WallParameters,
 };
 use cardiotwin_mechanics::step::StepSettings;
@@ -86,11 +86,11 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         c if c > 0.0 => {
             let mut wall = WallParameters::default();
             wall.muscle.c_kpa = c;
-            let mut state = PassiveState::unloaded_image(&anatomy, &wall)?;
+            let mut state = PassiveState::unloaded_image(&Piece::whole(&anatomy), &wall)?;
             state.inflate(edp / MMHG_PER_KPA, &mut search)?;
             Fitted { state, wall, slope: None }
         }
-        _ => fit(&anatomy, &WallParameters::default(), &target, None, &mut search)?,
+        _ => fit(&Piece::whole(&anatomy), &WallParameters::default(), &target, None, &mut search)?,
     };
     println!(
         "step 0: C {:.4} kPa, b_f {:.3}, unloaded {:.2} mL, end-diastole {:.2} mL; {} Newton iterations, {} passes, {:.1} s, {:.1} s of processor time",

@@ -251,7 +251,7 @@ fn solve_linear(
         }
         LinearSolver::BlockJacobi => with(&BlockJacobi::new(tangent), step),
         LinearSolver::SymmetricSweep => with(&SymmetricSweep::new(tangent), step),
-        LinearSolver::Multigrid => with(&Multigrid::new(tangent, system.reference()), step),
+        LinearSolver::Multigrid => with(&Multigrid::new(space, tangent, system.reference()), step),
     };
     // A step a little off costs an iteration of Newton; one that is not a solution at all costs the solve.
     if report.relative_residual.is_finite() && report.relative_residual < 0.1 {

@@ -7,7 +7,7 @@ use std::ops::ControlFlow;
 use cardiotwin_mechanics::newton::LinearSolver;
 use cardiotwin_mechanics::organ::passive_fit::{fit, stiffened};
 use cardiotwin_mechanics::organ::{
-    Anatomy, ElementKind, FiniteElementVentricle, Fitted, PassiveFit, PassiveState, PassiveStateError, Search,
+    Anatomy, ElementKind, FiniteElementVentricle, Fitted, PassiveFit, PassiveState, PassiveStateError, Piece, Search,
     SearchProgress, UnloadingSettings, VentricleParts, WallParameters,
 };
 use cardiotwin_mechanics::step::StepSettings;
@@ -34,7 +34,7 @@ fn ventricle(anatomy: &Anatomy, times: &[f64]) -> FiniteElementVentricle {
     // Image, at 6 mmHg: diastasis.
     let target = PassiveFit::Given { image_pressure_kpa: 0.8, end_diastolic_pressure_kpa: 1.6 };
     let Fitted { state: end_diastole, wall, .. } =
-        fit(anatomy, &WallParameters::default(), &target, None, &mut search()).expect("a passive state");
+        fit(&Piece::whole(anatomy), &WallParameters::default(), &target, None, &mut search()).expect("a passive state");
     let tanh = TanhParameters { t_cr_ms: 400.0, ..TanhParameters::default() };
     let parts = VentricleParts {
         anatomy,
@@ -56,7 +56,7 @@ fn unloading_finds_the_geometry_that_was_inflated_to_the_image() {
     for kind in [ElementKind::LINEAR_NODAL, ElementKind::LINEAR_POINTWISE] {
         let known = Anatomy::of(&mesh, &MUSCLE, kind).expect("an anatomy");
         let wall = WallParameters { static_rim_share: 0.1, ..WallParameters::default() };
-        let mut inflated = PassiveState::unloaded_image(&known, &wall).expect("a wall");
+        let mut inflated = PassiveState::unloaded_image(&Piece::whole(&known), &wall).expect("a wall");
         inflated.inflate(1.2, &mut search()).expect("inflates");
         let mut image = mesh.clone();
         for (x, u) in image.nodes_mm.iter_mut().zip(inflated.u.as_chunks::<3>().0) {
@@ -65,8 +65,8 @@ fn unloading_finds_the_geometry_that_was_inflated_to_the_image() {
         let mut anatomy = Anatomy::of(&image, &MUSCLE, kind).expect("an anatomy");
         // Fibres as the inflation carried them along.
         anatomy.frames = known.frames_at(&image.nodes_mm);
-        let mut state = PassiveState::unloaded_image(&anatomy, &wall).expect("a wall");
-        state.unload(&anatomy, &wall, 1.2, &mut search()).expect("unloads");
+        let mut state = PassiveState::unloaded_image(&Piece::whole(&anatomy), &wall).expect("a wall");
+        state.unload(&Piece::whole(&anatomy), &wall, 1.2, &mut search()).expect("unloads");
         let apart: Vec<f64> = (state.unloaded().iter().zip(&mesh.nodes_mm))
             .map(|(a, b)| (0..3).map(|i| (a[i] - b[i]).powi(2)).sum::<f64>())
             .collect();
@@ -88,7 +88,8 @@ fn multigrid_finds_what_the_factorisation_finds() {
         let mut settings = UnloadingSettings::default();
         settings.newton.linear = linear;
         settings.newton.keep_until = 80;
-        let mut state = PassiveState::unloaded_image(&anatomy, &WallParameters::default()).expect("a wall");
+        let mut state =
+            PassiveState::unloaded_image(&Piece::whole(&anatomy), &WallParameters::default()).expect("a wall");
         state.inflate(1.2, &mut Search::new(settings)).expect("inflates");
         state
     };
@@ -108,7 +109,7 @@ fn whoever_watches_a_fit_can_end_it() {
         if asked < 12 { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
     };
     let mut search = Search::watched(UnloadingSettings::default(), &mut watch);
-    let ended = fit(&anatomy, &WallParameters::default(), &THREE_POINTS, None, &mut search);
+    let ended = fit(&Piece::whole(&anatomy), &WallParameters::default(), &THREE_POINTS, None, &mut search);
     assert!(matches!(ended, Err(PassiveStateError::Stopped)), "{ended:?}");
     assert_eq!(asked, 12);
 }
@@ -117,14 +118,14 @@ fn whoever_watches_a_fit_can_end_it() {
 fn stiffness_and_unloaded_state_meet_image_and_end_diastole() {
     let (mesh, _) = heart();
     let anatomy = Anatomy::of(&mesh, &MUSCLE, ElementKind::LINEAR_NODAL).expect("an anatomy");
-    let mut fitted =
-        fit(&anatomy, &WallParameters::default(), &THREE_POINTS, None, &mut search()).expect("a passive state");
+    let mut fitted = fit(&Piece::whole(&anatomy), &WallParameters::default(), &THREE_POINTS, None, &mut search())
+        .expect("a passive state");
     let Fitted { state, wall, .. } = &fitted;
     assert!((state.volume_mm3() / 126e3 - 1.0).abs() < 1e-3, "{} mm³", state.volume_mm3());
     assert!((state.unloaded_volume_mm3() / 70e3 - 1.0).abs() < 0.01, "{} mm³", state.unloaded_volume_mm3());
     assert!((wall.muscle.c_kpa - state.stiffness_kpa).abs() < 1e-12);
     let Fitted { state: steeper, wall: law, .. } =
-        stiffened(&anatomy, &fitted, 1.5, &mut search()).expect("another law");
+        stiffened(&Piece::whole(&anatomy), &fitted, 1.5, &mut search()).expect("another law");
     assert!((law.muscle.b_f / wall.muscle.b_f - 1.5).abs() < 1e-12);
     assert!((steeper.volume_mm3() / state.volume_mm3() - 1.0).abs() < 1e-3, "{} mm³", steeper.volume_mm3());
     assert_eq!(steeper.unloaded(), state.unloaded());
@@ -133,7 +134,7 @@ fn stiffness_and_unloaded_state_meet_image_and_end_diastole() {
     assert!((state.volume_mm3() / 112e3 - 1.0).abs() < 1e-3, "the image: {} mm³", state.volume_mm3());
     let klotz = PassiveFit::Unloaded { end_diastolic_pressure_kpa: 1.6, unloaded_volume_mm3: 90e3 };
     let Fitted { state, .. } =
-        fit(&anatomy, &WallParameters::default(), &klotz, None, &mut search()).expect("a passive state");
+        fit(&Piece::whole(&anatomy), &WallParameters::default(), &klotz, None, &mut search()).expect("a passive state");
     assert!((state.volume_mm3() / 112e3 - 1.0).abs() < 1e-3, "the image is end-diastole: {} mm³", state.volume_mm3());
 }
 

@@ -2,9 +2,11 @@
 
 mod support;
 
+use std::ops::ControlFlow;
+
 use cardiotwin_mechanics::organ::{
-    Anatomy, ElementKind, EndDiastole, FiniteElementVentricle, PassiveState, Search, UnloadingSettings, VentricleParts,
-    WallParameters,
+    Anatomy, ElementKind, EndDiastole, FiniteElementVentricle, FoundState, PassiveFit, PassiveJob, PassiveState,
+    PassiveStateError, Piece, Search, SearchProgress, UnloadingSettings, VentricleParts, WallParameters,
 };
 use cardiotwin_mechanics::parallel::ThreadSettings;
 use cardiotwin_mechanics::step::StepSettings;
@@ -28,7 +30,7 @@ fn subject(kind: ElementKind) -> Subject {
     let anatomy = Anatomy::of(&mesh, &MUSCLE, kind).expect("an anatomy");
     let mut wall = WallParameters::default();
     wall.muscle.c_kpa = 0.8;
-    let mut state = PassiveState::unloaded_image(&anatomy, &wall).expect("a wall");
+    let mut state = PassiveState::unloaded_image(&Piece::whole(&anatomy), &wall).expect("a wall");
     state.inflate(1.2, &mut Search::new(UnloadingSettings::default())).expect("inflates");
     Subject { anatomy, times, wall, end_diastole: state.into() }
 }
@@ -175,4 +177,96 @@ fn what_several_threads_cannot_compute_is_refused() {
     let name = alone.split("element ").nth(1).and_then(|t| t.split(' ').next()).expect("a name");
     assert!(alone.contains("has Jacobian") && many.contains("has Jacobian"), "{alone} {many}");
     assert!(!name.is_empty() && many.contains("rank") || many.contains(name), "{many} for {name}");
+}
+
+fn anatomy() -> Anatomy {
+    Anatomy::of(&heart().0, &MUSCLE, ElementKind::LINEAR_NODAL).expect("an anatomy")
+}
+
+/// Step 0 with the solver of large meshes.
+fn found(anatomy: &Anatomy, job: &PassiveJob, n_ranks: usize) -> FoundState {
+    let mut search = Search::new(UnloadingSettings::on_ranks());
+    job.on_threads(anatomy, &mut search, n_ranks, ThreadSettings::default()).expect("a passive state")
+}
+
+/// Largest distance of a node in two states \[mm\], unloaded and loaded.
+fn farthest(a: &FoundState, b: &FoundState) -> f64 {
+    let loaded = |state: &FoundState| -> Vec<f64> {
+        state.end_diastole.unloaded.as_flattened().iter().zip(&state.end_diastole.u).map(|(x, u)| x + u).collect()
+    };
+    let of = |a: &[f64], b: &[f64]| a.iter().zip(b).fold(0.0_f64, |m, (a, b)| m.max((a - b).abs()));
+    let unloaded = of(a.end_diastole.unloaded.as_flattened(), b.end_diastole.unloaded.as_flattened());
+    unloaded.max(of(&loaded(a), &loaded(b)))
+}
+
+#[test]
+fn step_0_is_the_same_on_any_number_of_threads_and_the_same_to_the_bit_on_as_many() {
+    let anatomy = anatomy();
+    let given = PassiveJob {
+        wall: WallParameters::default(),
+        target: PassiveFit::Given { image_pressure_kpa: 0.8, end_diastolic_pressure_kpa: 1.6 },
+        slope: None,
+        steepened_by: None,
+    };
+    let alone = found(&anatomy, &given, 1);
+    for n_ranks in [2, 3, 4] {
+        let several = found(&anatomy, &given, n_ranks);
+        // The unloading's own tolerance is 0.02 mm.
+        let apart = farthest(&alone, &several);
+        assert!(apart < 0.01, "{n_ranks} ranks: {apart} mm");
+        assert!((several.volume_mm3 / alone.volume_mm3 - 1.0).abs() < 1e-4, "{n_ranks} ranks");
+        assert!((several.unloaded_volume_mm3 / alone.unloaded_volume_mm3 - 1.0).abs() < 1e-4, "{n_ranks} ranks");
+        assert_eq!(
+            (several.end_diastole.pressure_kpa, several.passes),
+            (alone.end_diastole.pressure_kpa, alone.passes)
+        );
+        if n_ranks == 2 {
+            assert_eq!(found(&anatomy, &given, n_ranks), several, "on as many threads again");
+        }
+    }
+}
+
+#[test]
+fn a_law_is_fitted_on_several_threads_as_on_one() {
+    let anatomy = anatomy();
+    let job = PassiveJob {
+        wall: WallParameters::default(),
+        target: PassiveFit::Unloaded { end_diastolic_pressure_kpa: 1.2, unloaded_volume_mm3: 80e3 },
+        slope: None,
+        steepened_by: Some(1.3),
+    };
+    let [alone, several] = [1, 2].map(|n_ranks| found(&anatomy, &job, n_ranks));
+    let law = |state: &FoundState| state.wall.muscle;
+    assert!((law(&several).c_kpa / law(&alone).c_kpa - 1.0).abs() < 1e-3, "{:?} {:?}", law(&several), law(&alone));
+    assert_eq!(law(&several).b_f, law(&alone).b_f);
+    assert!((law(&alone).b_f / job.wall.muscle.b_f - 1.3).abs() < 1e-12);
+    assert!((several.unloaded_volume_mm3 / 80e3 - 1.0).abs() < 1e-3);
+    assert!(farthest(&alone, &several) < 0.02, "{} mm", farthest(&alone, &several));
+}
+
+#[test]
+fn whoever_watches_step_0_ends_it_on_all_threads_and_errors_are_those_of_one() {
+    let anatomy = anatomy();
+    let mut job = PassiveJob {
+        wall: WallParameters::default(),
+        target: PassiveFit::ImageUnloaded { end_diastolic_pressure_kpa: 1.2 },
+        slope: None,
+        steepened_by: None,
+    };
+    let mut asked = 0;
+    let mut watch = |_: &SearchProgress| {
+        asked += 1;
+        if asked < 3 { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
+    };
+    let mut search = Search::watched(UnloadingSettings::on_ranks(), &mut watch);
+    let ended = job.on_threads(&anatomy, &mut search, 3, ThreadSettings::default());
+    assert_eq!(ended, Err(PassiveStateError::Stopped));
+    // More than it can bear.
+    job.target = PassiveFit::ImageUnloaded { end_diastolic_pressure_kpa: 1e3 };
+    let mut settings = UnloadingSettings::on_ranks();
+    (settings.smallest_load, settings.newton.max_iterations) = (0.2, 5);
+    let errors = [1, 3].map(|n_ranks| {
+        job.on_threads(&anatomy, &mut Search::new(settings), n_ranks, ThreadSettings::default()).expect_err("too much")
+    });
+    assert!(errors.iter().all(|e| matches!(e, PassiveStateError::Inflation { .. })), "{errors:?}");
 }

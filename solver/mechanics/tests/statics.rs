@@ -123,6 +123,7 @@ fn cube_body(nodes: &[[f64; 3]], tets: &[[u32; 4]]) -> Body {
         frame: &|_, _| [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
         volume: VolumeChange::Nodal { pointwise_share: 0.05 },
         layout: Layout::whole(nodes.len()),
+        elements: &[],
     };
     Body::linear(&input, &SingleProcess).expect("a proper mesh")
 }

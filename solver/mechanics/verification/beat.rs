@@ -34,6 +34,7 @@ pub fn body(viscosity: f64) -> (Mesh, Body) {
         frame: &|_, _| [[0.8, -0.6, 0.0], [0.6, 0.8, 0.0], [0.0, 0.0, 1.0]],
         volume: VolumeChange::Nodal { pointwise_share: 0.05 },
         layout: Layout::whole(mesh.nodes.len()),
+        elements: &[],
     };
     let mut body = Body::linear(&input, &SingleProcess).expect("a proper mesh");
     body.set_viscosity(vec![viscosity]).expect("a viscosity");

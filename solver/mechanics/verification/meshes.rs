@@ -27,6 +27,7 @@ impl Mesh {
             frame: &|_, _| [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
             volume: VolumeChange::Nodal { pointwise_share: 0.05 },
             layout: Layout::whole(self.nodes.len()),
+            elements: &[],
         };
         Body::linear(&input, &SingleProcess).expect("a proper mesh")
     }

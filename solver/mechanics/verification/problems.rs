@@ -129,6 +129,7 @@ impl Problem {
             frame: &self.frame,
             volume: element.volume,
             layout: Layout::whole(nodes.len()),
+            elements: &[],
         }
     }
 }

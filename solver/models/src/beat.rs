@@ -8,6 +8,9 @@ use serde::{Deserialize, Serialize};
 use std::convert::Infallible;
 use std::ops::ControlFlow;
 
+/// Change of pressure below which filling is slow \[mmHg/ms\].
+const SLOW_MMHG_PER_MS: f64 = 0.1;
+
 /// How many beats to run.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -34,6 +37,9 @@ pub struct BeatSettings {
     pub beats: Beats,
     /// Time step and output interval.
     pub step: Ms,
+    /// Longest step of late filling: after ejection, with the mitral valve open, as long as pressure changes slowly. Nothing
+    /// shorter than two output intervals has an effect; samples in between are linear.
+    pub diastolic_step: Ms,
     /// Shortest step that failures may cut to.
     pub shortest_step: Ms,
     /// Whether to record stress, calcium and stretch of every node.
@@ -48,6 +54,7 @@ impl BeatSettings {
             cycle_length,
             beats: Beats::Exactly(1),
             step: Ms(1.0),
+            diastolic_step: Ms(0.0),
             shortest_step: Ms(1.0 / 64.0),
             record_nodes: false,
         }
@@ -214,6 +221,44 @@ impl BeatTraces {
         }
     }
 
+    /// Whether the ventricle fills after ejection, and its pressure changes slowly.
+    fn is_filling_slowly(&self) -> bool {
+        let n = self.time_ms.len();
+        let (Some(true), Some(false)) = (self.mitral_open.last(), self.aortic_open.last()) else { return false };
+        let [.., before, last] = self.pressure_mmhg[..] else { return false };
+        let rate = (last - before) / (self.time_ms[n - 1] - self.time_ms[n - 2]);
+        rate.abs() <= SLOW_MMHG_PER_MS && self.aortic_open.contains(&true)
+    }
+
+    /// Samples between the last two, at these times: linear, with the valves of the sample before.
+    fn fill_in(&mut self, times_ms: &[f64]) {
+        let Some(at) = self.time_ms.len().checked_sub(2).filter(|_| !times_ms.is_empty()) else { return };
+        let (begin, end) = (self.time_ms[at], self.time_ms[at + 1]);
+        let shares: Vec<f64> = times_ms.iter().map(|t| (t - begin) / (end - begin)).collect();
+        for trace in [
+            &mut self.pressure_mmhg,
+            &mut self.volume_ml,
+            &mut self.aortic_pressure_mmhg,
+            &mut self.left_atrial_pressure_mmhg,
+            &mut self.aortic_flow_ml_per_s,
+            &mut self.mitral_flow_ml_per_s,
+            &mut self.net_inflow_ml_per_s,
+        ] {
+            fill_in(trace, 1, &shares);
+        }
+        for valve in [&mut self.aortic_open, &mut self.mitral_open] {
+            let (before, last) = (valve[at], valve.pop());
+            valve.extend(std::iter::repeat_n(before, times_ms.len()).chain(last));
+        }
+        if let Some(nodes) = &mut self.nodes {
+            for trace in [&mut nodes.sa_kpa, &mut nodes.ca_um, &mut nodes.lambda] {
+                fill_in(trace, nodes.n_nodes, &shares);
+            }
+        }
+        self.time_ms.truncate(at + 1);
+        self.time_ms.extend(times_ms.iter().copied().chain([end]));
+    }
+
     fn record<V: Ventricle + ?Sized>(
         &mut self,
         time_ms: f64,
@@ -247,6 +292,19 @@ impl BeatTraces {
     }
 }
 
+/// Puts rows between the last two of a trace, at these shares of the way.
+fn fill_in(trace: &mut Vec<f64>, width: usize, shares: &[f64]) {
+    let last = trace.split_off(trace.len() - width);
+    let before = trace.len() - width;
+    for share in shares {
+        for (k, last) in last.iter().enumerate() {
+            let from = trace[before + k];
+            trace.push(from + share * (last - from));
+        }
+    }
+    trace.extend(last);
+}
+
 /// Where a run stands between two output intervals: with the states of ventricle and circulation, all that it needs to go on.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct RunProgress {
@@ -270,7 +328,7 @@ pub struct RunProgress {
     pub traces: BeatTraces,
 }
 
-/// What an observer of a run sees after every output interval.
+/// What an observer of a run sees after every output interval, of several that one step took after the last.
 #[derive(Debug)]
 pub struct Observed<'a, V: ?Sized> {
     /// Where the run stands.
@@ -311,6 +369,7 @@ pub fn run_observed<V: Ventricle + ?Sized, B>(
     let length = settings.cycle_length.0;
     // A last interval shorter than a thousandth of a step is round-off of the cycle length.
     let n_intervals = (length / settings.step.0 - 1e-3).ceil().max(1.0) as usize;
+    let n_per_diastolic_step = (settings.diastolic_step.0 / settings.step.0 + 1e-9).floor().max(1.0) as usize;
     let (limit, tolerance) = match settings.beats {
         Beats::Exactly(n) => (n.max(1), None),
         Beats::UntilPeriodic { limit, volume, pressure } => (limit.max(1), Some((volume.0, pressure.0))),
@@ -335,11 +394,15 @@ pub fn run_observed<V: Ventricle + ?Sized, B>(
     let mut now = from.unwrap_or_else(|| begun(1, settings.step.0, BeatWork::default(), ventricle, circulation));
     loop {
         while now.intervals < n_intervals {
-            let interval = now.intervals + 1;
+            let stride = if now.traces.is_filling_slowly() { n_per_diastolic_step } else { 1 };
+            let interval = (now.intervals + stride).min(n_intervals);
             let grid = if interval == n_intervals { length } else { interval as f64 * settings.step.0 };
             let end = now.beat_start_ms + grid;
             let (next_step, work) = (&mut now.next_step_ms, &mut now.work);
-            if let Err(reason) = advance(ventricle, circulation, end, settings, next_step, work) {
+            // Kept to the output interval otherwise, to the bit.
+            let longest = if interval - now.intervals > 1 { end - ventricle.time().0 } else { settings.step.0 };
+            *next_step = if longest > settings.step.0 { longest } else { next_step.min(longest) };
+            if let Err(reason) = advance(ventricle, circulation, end, (longest, settings), next_step, work) {
                 ventricle.roll_back();
                 circulation.roll_back();
                 let last_good = RunState { ventricle: ventricle.snapshot(), circulation: circulation.snapshot() };
@@ -348,6 +411,8 @@ pub fn run_observed<V: Ventricle + ?Sized, B>(
                 return ControlFlow::Continue(BeatOutcome::Diverged { t, last_good, reason, traces, work });
             }
             now.traces.record(grid, ventricle, circulation, &probes);
+            let skipped = (now.intervals + 1..interval).map(|k| k as f64 * settings.step.0).collect::<Vec<_>>();
+            now.traces.fill_in(&skipped);
             now.intervals = interval;
             observe(Observed { progress: &now, ventricle, circulation })?;
         }
@@ -380,12 +445,12 @@ fn empty_nodes<V: Ventricle + ?Sized>(ventricle: &V, n_samples: usize) -> NodalT
     }
 }
 
-/// Steps until `end_ms`.
+/// Steps until `end_ms`, of `longest_ms` at most.
 fn advance<V: Ventricle + ?Sized>(
     ventricle: &mut V,
     circulation: &mut Circulation,
     end_ms: f64,
-    settings: &BeatSettings,
+    (longest_ms, settings): (f64, &BeatSettings),
     next_step: &mut f64,
     work: &mut BeatWork,
 ) -> Result<(), VentricleError> {
@@ -403,7 +468,7 @@ fn advance<V: Ventricle + ?Sized>(
                 circulation.commit();
                 work.n_steps += 1;
                 work.n_iterations += tried.iterations;
-                *next_step = (2.0 * next_step.max(dt)).min(settings.step.0);
+                *next_step = (2.0 * next_step.max(dt)).min(longest_ms);
             }
             Err(reason) => {
                 ventricle.roll_back();

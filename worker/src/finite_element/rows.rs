@@ -22,6 +22,8 @@ pub struct NodalRows {
     oldest: usize,
     beat: usize,
     file: File,
+    /// Rows of the beat so far.
+    n_rows: usize,
     /// The last one: a later beat begins with it.
     last: Vec<u8>,
 }
@@ -48,8 +50,8 @@ impl NodalRows {
         let n_nodes = ventricle.nodes().len();
         let file = create(folder, 1)?;
         let (folder, last) = (folder.to_owned(), vec![]);
-        let mut rows = Self { folder, n_nodes, with_calcium, oldest: 1, beat: 1, file, last };
-        rows.append(ventricle)?;
+        let mut rows = Self { folder, n_nodes, with_calcium, oldest: 1, beat: 1, file, n_rows: 0, last };
+        rows.append(1, ventricle)?;
         Ok(rows)
     }
 
@@ -77,16 +79,17 @@ impl NodalRows {
         let mut last = vec![0; row_bytes];
         file.seek(SeekFrom::Start(wanted - row_bytes as u64))?;
         file.read_exact(&mut last)?;
-        Ok(Self { folder: folder.to_owned(), n_nodes, with_calcium, oldest: beat, beat, file, last })
+        Ok(Self { folder: folder.to_owned(), n_nodes, with_calcium, oldest: beat, beat, file, n_rows, last })
     }
 
     fn row_bytes(&self) -> usize {
         row_bytes(self.n_nodes, self.with_calcium)
     }
 
-    fn append(&mut self, ventricle: &FiniteElementVentricle) -> io::Result<()> {
+    /// Appends the ventricle's state as row number `n_rows`, and rows between it and the last where there are to be more: linear.
+    fn append(&mut self, n_rows: usize, ventricle: &FiniteElementVentricle) -> io::Result<()> {
         let mut values = vec![0.0; self.n_nodes];
-        self.last.clear();
+        let before = std::mem::take(&mut self.last);
         let mut take = |fill: &dyn Fn(&mut [f64])| {
             fill(&mut values);
             self.last.extend(values.iter().flat_map(|value| value.to_le_bytes()));
@@ -96,19 +99,31 @@ impl NodalRows {
             take(&|out| ventricle.calcium_um(out));
         }
         take(&|out| ventricle.stretch(out));
+        let n_new = n_rows.saturating_sub(self.n_rows).max(1);
+        for k in 1..n_new {
+            let share = k as f64 / n_new as f64;
+            let pairs = before.as_chunks::<8>().0.iter().zip(self.last.as_chunks::<8>().0);
+            let between = pairs.flat_map(|(from, to)| {
+                let (from, to) = (f64::from_le_bytes(*from), f64::from_le_bytes(*to));
+                (from + share * (to - from)).to_le_bytes()
+            });
+            self.file.write_all(&between.collect::<Vec<u8>>())?;
+        }
+        self.n_rows += n_new;
         self.file.write_all(&self.last)
     }
 
-    /// Takes note of the state after an output interval. A later beat takes the place of the one before.
+    /// Takes note of the state after an output interval, or several that one step took: the beat then has so many rows. A later
+    /// beat takes the place of the one before.
     ///
     /// # Errors
     /// Any error of the file system.
-    pub fn observe(&mut self, beat: usize, ventricle: &FiniteElementVentricle) -> io::Result<()> {
+    pub fn observe(&mut self, (beat, n_rows): (usize, usize), ventricle: &FiniteElementVentricle) -> io::Result<()> {
         if beat != self.beat {
-            (self.beat, self.file) = (beat, create(&self.folder, beat)?);
+            (self.beat, self.file, self.n_rows) = (beat, create(&self.folder, beat)?, 1);
             self.file.write_all(&self.last)?;
         }
-        self.append(ventricle)
+        self.append(n_rows, ventricle)
     }
 
     /// Brings the rows to disk, before a checkpoint counts on them.

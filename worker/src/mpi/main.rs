@@ -137,6 +137,8 @@ fn main() -> ExitCode {
         Command::Simulate { out, ranks, .. } => (ranks, Some(out.clone())),
         Command::Bench { ranks, .. } | Command::Check { ranks, .. } => (ranks, None),
     };
+    // A launcher that is killed leaves no ranks behind that wait for each other.
+    let _ = rustix::process::set_parent_process_death_signal(Some(rustix::process::Signal::KILL));
     let threading = if ranks.subdomains.is_some() { Threading::Multiple } else { Threading::Funneled };
     let Some((universe, provided)) = mpi::initialize_with_threading(threading) else {
         eprintln!("error: MPI was initialised before");
@@ -205,7 +207,7 @@ fn main() -> ExitCode {
 fn measured(command: &Command) -> Option<bench::VentricleBench> {
     let Command::Bench { nodes, pointwise, cycle, step, tolerance, .. } = *command else { return None };
     let element = if pointwise { bench::Element::Pointwise } else { bench::Element::Linear };
-    Some(bench::VentricleBench { nodes, element, cycle_ms: cycle, step_ms: step, tolerance })
+    Some(bench::VentricleBench { nodes, element, cycle_ms: cycle, step_ms: step, diastolic_step_ms: 0.0, tolerance })
 }
 
 /// Parts of the mesh a process.

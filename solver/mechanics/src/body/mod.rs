@@ -12,7 +12,7 @@ use crate::element::kernel::{ActivePoint, VolumeChange};
 use crate::element::{BATCH, Eight};
 use crate::linear::{Assembled, BlockCsr, Coupling, PackedTangent, Pattern, Tangent};
 use crate::material::{MaterialError, Tissue, VolumetricLaw};
-use crate::parallel::{Communicator, Layout};
+use crate::parallel::{Communicator, Disagreement, Layout, agree};
 use passes::{Elements, Field, Moving, Pass};
 
 /// Why a body could not be made.
@@ -39,6 +39,12 @@ pub enum BodyError {
         /// Number expected.
         expected: usize,
     },
+    /// Another rank has no body.
+    #[error("{reason}")]
+    Elsewhere {
+        /// Which, and why.
+        reason: String,
+    },
     /// Quadratic elements on several ranks.
     #[error("quadratic elements are computed on one rank alone; use linear ones, or one rank")]
     QuadraticOnRanks,
@@ -62,6 +68,8 @@ pub struct BodyInput<'a, const N: usize> {
     pub volume: VolumeChange,
     /// Which nodes this rank owns.
     pub layout: Layout,
+    /// Number in the whole mesh of each element, for errors; empty where it is the same.
+    pub elements: &'a [u32],
 }
 
 /// State of the integration points at a displacement: eight a batch, batch after batch, point after point.
@@ -102,7 +110,7 @@ impl std::fmt::Debug for Body {
 }
 
 impl Body {
-    /// A body of linear tetrahedra, one integration point each.
+    /// A body of linear tetrahedra, one integration point each. Collective.
     ///
     /// # Errors
     /// [`BodyError`] for a bad tissue, element or list length.
@@ -139,7 +147,12 @@ impl Body {
         if N != 4 && !input.layout.neighbours.is_empty() {
             return Err(BodyError::QuadraticOnRanks);
         }
-        let batches = batches::<N, Q>(input.nodes, input.tets, input.tissue_of, input.frame)?;
+        let batches = batches::<N, Q>(input.nodes, input.tets, input.tissue_of, input.frame)
+            .map_err(|error| error.renumbered(input.elements));
+        let batches = agree(comm, batches).map_err(|error| match error {
+            Disagreement::Here(error) => BodyError::Element(error),
+            Disagreement::Elsewhere(reason) => BodyError::Elsewhere { reason },
+        })?;
         let n_rows = input.layout.n_owned;
         let pattern = Arc::new(Pattern::of_elements(n_rows, input.tets.iter().map(|t| (&t[..], &t[..]))));
         let coupling_pattern = (input.volume != VolumeChange::Pointwise)

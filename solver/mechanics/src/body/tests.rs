@@ -77,6 +77,7 @@ fn bodies(n: usize) -> Vec<(&'static str, Body)> {
                 frame: &frame,
                 volume,
                 layout: Layout::whole(nodes.len()),
+                elements: &[],
             },
             &SingleProcess,
         );
@@ -90,6 +91,7 @@ fn bodies(n: usize) -> Vec<(&'static str, Body)> {
                 frame: &frame,
                 volume,
                 layout: Layout::whole(quadratic.nodes.len()),
+                elements: &[],
             },
             &SingleProcess,
         );
@@ -227,6 +229,7 @@ fn a_homogeneous_deformation_leaves_inner_nodes_in_balance() {
                 frame: &fixed,
                 volume: body.volume,
                 layout,
+                elements: &[],
             };
             Body::linear(&input, &SingleProcess)
         } else {
@@ -240,6 +243,7 @@ fn a_homogeneous_deformation_leaves_inner_nodes_in_balance() {
                 frame: &fixed,
                 volume: body.volume,
                 layout,
+                elements: &[],
             };
             Body::quadratic(&input, &SingleProcess)
         }

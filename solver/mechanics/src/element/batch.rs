@@ -57,6 +57,16 @@ pub enum ElementError {
     },
 }
 
+impl ElementError {
+    /// With the element's number in the whole mesh; as it is where `numbers` has none.
+    #[must_use]
+    pub fn renumbered(mut self, numbers: &[u32]) -> Self {
+        let (Self::NotPositive { element, .. } | Self::NodeOutOfRange { element, .. }) = &mut self;
+        *element = numbers.get(*element).map_or(*element, |number| *number as usize);
+        self
+    }
+}
+
 /// Shape-function values of the vertices (linear) at each integration point: how nodal pressures act there.
 #[must_use]
 pub fn vertex_values<const Q: usize>() -> [[f64; 4]; Q] {

@@ -1,13 +1,18 @@
 //! Step 0: the passive law that makes image, end-diastole and unloaded volume fit what was measured.
 
-use super::anatomy::Anatomy;
 use super::passive_state::{PassiveState, PassiveStateError};
+use super::piece::Piece;
 use super::search::{Fitted, Search, Slope};
 use super::wall::WallParameters;
 
 /// What the law is fitted to.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum PassiveFit {
+    /// The image is taken for unloaded, the stiffness is given: there is nothing to find but end-diastole.
+    ImageUnloaded {
+        /// End-diastolic pressure \[kPa\].
+        end_diastolic_pressure_kpa: f64,
+    },
     /// The stiffness is given.
     Given {
         /// Pressure at which the image was taken \[kPa\].
@@ -44,30 +49,34 @@ const UNLOADED_TOLERANCE: f64 = 0.01;
 const MOST_TRIALS: usize = 40;
 
 /// Fits law and unloaded geometry, and ends in end-diastole. `wall.muscle` is where the search starts, with `slope` where it
-/// is known from another mesh.
+/// is known from another mesh. Collective.
 ///
 /// # Errors
 /// [`PassiveStateError`] when an inflation or unloading fails, no stiffness between 1/30 and 30 times the start fits, no
 /// law meets the three points, or who watches asks for an end.
 pub fn fit(
-    anatomy: &Anatomy,
+    piece: &Piece<'_>,
     wall: &WallParameters,
     target: &PassiveFit,
     slope: Option<Slope>,
     search: &mut Search<'_>,
 ) -> Result<Fitted, PassiveStateError> {
-    let mut state = PassiveState::unloaded_image(anatomy, wall)?;
+    let mut state = PassiveState::unloaded_image(piece, wall)?;
     let tolerance = search.settings.volume_tolerance;
     match *target {
+        PassiveFit::ImageUnloaded { end_diastolic_pressure_kpa } => {
+            state.inflate(end_diastolic_pressure_kpa, search)?;
+            Ok(Fitted { state, wall: wall.clone(), slope: None })
+        }
         PassiveFit::Given { image_pressure_kpa, end_diastolic_pressure_kpa } => {
-            state.unload(anatomy, wall, image_pressure_kpa, search)?;
+            state.unload(piece, wall, image_pressure_kpa, search)?;
             state.inflate(end_diastolic_pressure_kpa, search)?;
             Ok(Fitted { state, wall: wall.clone(), slope: None })
         }
         PassiveFit::Unloaded { end_diastolic_pressure_kpa, unloaded_volume_mm3 } => {
             let wall = fit_stiffness(wall, unloaded_volume_mm3, true, tolerance, |wall| {
                 search.trials += 1;
-                state.unload(anatomy, wall, end_diastolic_pressure_kpa, search)?;
+                state.unload(piece, wall, end_diastolic_pressure_kpa, search)?;
                 Ok(state.unloaded_volume_mm3())
             })?;
             Ok(Fitted { state, wall, slope: None })
@@ -84,8 +93,8 @@ pub fn fit(
                 search.trials += 1;
                 // From the last geometry that was found, which a law that finds none leaves alone.
                 let mut next =
-                    PassiveState::at(anatomy, wall, state.unloaded(), state.anchor().to_vec())?.after(&mut state);
-                next.unload(anatomy, wall, image_pressure_kpa, search)?;
+                    PassiveState::at(piece, wall, state.unloaded(), state.anchor().to_vec())?.after(&mut state);
+                next.unload(piece, wall, image_pressure_kpa, search)?;
                 next.inflate_towards(end_diastolic_pressure_kpa, expected.as_deref(), search)?;
                 expected = Some(next.positions());
                 let found = [next.volume_mm3(), next.unloaded_volume_mm3()];
@@ -97,12 +106,12 @@ pub fn fit(
     }
 }
 
-/// The same unloaded geometry with the exponents times `factor`, and the stiffness that keeps the end-diastolic volume.
+/// The same unloaded geometry with the exponents times `factor`, and the stiffness that keeps the end-diastolic volume. Collective.
 ///
 /// # Errors
 /// [`PassiveStateError`] when an inflation fails or no stiffness fits.
 pub fn stiffened(
-    anatomy: &Anatomy,
+    piece: &Piece<'_>,
     before: &Fitted,
     factor: f64,
     search: &mut Search<'_>,
@@ -116,7 +125,7 @@ pub fn stiffened(
     // Where the fibres' strain is what the law was fitted at, exponents and scale trade off nearly so.
     start.muscle.c_kpa /= factor * factor;
     let from_unloaded =
-        |wall: &WallParameters| PassiveState::at(anatomy, wall, before.unloaded(), before.anchor().to_vec());
+        |wall: &WallParameters| PassiveState::at(piece, wall, before.unloaded(), before.anchor().to_vec());
     let mut state = from_unloaded(&start)?;
     (state.newton_iterations, state.passes) = (before.newton_iterations, before.passes);
     let expected = before.positions();

@@ -4,10 +4,11 @@
 //! moved by what the inflated geometry misses of the image, until it misses nothing. Every inflation after the first starts
 //! where the last one ended, and needs no load steps.
 
-use super::anatomy::Anatomy;
+use super::piece::Piece;
 use super::search::Search;
 use super::wall::{WallError, WallParameters, displacement};
 use crate::dynamics::{Candidate, Dynamics, State};
+use crate::parallel::{PartitionError, RankFailure, Space};
 use crate::step::{Closure, Passive, Solver, StepError, StepSettings, step};
 use crate::time_integration::Motion;
 
@@ -20,6 +21,12 @@ pub enum PassiveStateError {
     /// Wall or surfaces.
     #[error("wall")]
     Wall(#[from] WallError),
+    /// The mesh cannot be cut into a part for each rank.
+    #[error("parts of ranks")]
+    Parts(#[from] PartitionError),
+    /// The system gives no thread for a rank.
+    #[error(transparent)]
+    Rank(#[from] RankFailure),
     /// Whoever watches asked for an end.
     #[error("stopped")]
     Stopped,
@@ -101,45 +108,28 @@ pub struct PassiveState {
 }
 
 impl PassiveState {
-    /// The image taken for unloaded.
+    /// The image taken for unloaded. Collective, as is all below.
     ///
     /// # Errors
     /// [`PassiveStateError::Wall`] for bad parameters or surfaces.
-    pub fn unloaded_image(anatomy: &Anatomy, wall: &WallParameters) -> Result<Self, PassiveStateError> {
-        Self::at(anatomy, wall, &anatomy.nodes, vec![0.0; 3 * anatomy.nodes.len()])
+    pub fn unloaded_image(piece: &Piece<'_>, wall: &WallParameters) -> Result<Self, PassiveStateError> {
+        let nodes = &piece.anatomy.nodes;
+        Self::at(piece, wall, nodes, vec![0.0; 3 * nodes.len()])
     }
 
     pub(super) fn at(
-        anatomy: &Anatomy,
+        piece: &Piece<'_>,
         wall: &WallParameters,
         unloaded: &[[f64; 3]],
         anchor: Vec<f64>,
     ) -> Result<Self, PassiveStateError> {
-        let mut dynamics = wall.hung(anatomy, unloaded)?;
+        let mut dynamics = wall.hung(&piece.anatomy, unloaded, &piece.part, Box::new(piece.comm.clone()))?;
         for (rest, anchor) in dynamics.supports[0].rest.iter_mut().zip(&anchor) {
             *rest += anchor;
         }
         let (u, solver) = (vec![0.0; 3 * unloaded.len()], Solver::new());
         let stiffness_kpa = wall.muscle.c_kpa;
         Ok(Self { dynamics, stiffness_kpa, u, pressure_kpa: 0.0, newton_iterations: 0, passes: 0, anchor, solver })
-    }
-
-    /// A state that was found before, from what [`Self::unloaded`], [`Self::anchor`] and `u` held then.
-    ///
-    /// - `unloaded`, `anchor`, `u`: one entry, or three numbers, a node of `anatomy`
-    ///
-    /// # Errors
-    /// [`PassiveStateError::Wall`] for bad parameters or surfaces.
-    pub fn restored(
-        anatomy: &Anatomy,
-        wall: &WallParameters,
-        unloaded: &[[f64; 3]],
-        anchor: Vec<f64>,
-        u: Vec<f64>,
-        pressure_kpa: f64,
-    ) -> Result<Self, PassiveStateError> {
-        let state = Self::at(anatomy, wall, unloaded, anchor)?;
-        Ok(Self { u, pressure_kpa, ..state })
     }
 
     /// What the rim's springs rest away from the image \[mm\].
@@ -269,14 +259,14 @@ impl PassiveState {
     /// [`PassiveStateError`] when the smallest step of the pressure fails or the passes do not end.
     pub fn unload(
         &mut self,
-        anatomy: &Anatomy,
+        piece: &Piece<'_>,
         wall: &WallParameters,
         pressure_kpa: f64,
         search: &mut Search<'_>,
     ) -> Result<(), PassiveStateError> {
         if self.passes > 0 {
-            let mut again = Self::at(anatomy, wall, self.unloaded(), self.anchor.clone())?.after(self);
-            match again.meet_image(anatomy, wall, pressure_kpa, true, search) {
+            let mut again = Self::at(piece, wall, self.unloaded(), self.anchor.clone())?.after(self);
+            match again.meet_image(piece, wall, pressure_kpa, true, search) {
                 Ok(()) => {
                     *self = again;
                     return Ok(());
@@ -285,7 +275,7 @@ impl PassiveState {
                 Err(_) => {}
             }
         }
-        *self = Self::unloaded_image(anatomy, wall)?.after(self);
+        *self = Self::unloaded_image(piece, wall)?.after(self);
         let (mut reached, mut load) = (0.0, search.settings.first_load);
         let mut before: Option<(f64, Vec<[f64; 3]>)> = None;
         while reached < 1.0 {
@@ -297,9 +287,9 @@ impl PassiveState {
                     (0..3).for_each(|i| x[i] += ratio * (x[i] - b[i]));
                 }
             }
-            let attempt = Self::at(anatomy, wall, &start, self.anchor.clone()).and_then(|next| {
+            let attempt = Self::at(piece, wall, &start, self.anchor.clone()).and_then(|next| {
                 let mut next = next.after(self);
-                next.meet_image(anatomy, wall, target * pressure_kpa, target == 1.0, search)?;
+                next.meet_image(piece, wall, target * pressure_kpa, target == 1.0, search)?;
                 Ok(next)
             });
             match attempt {
@@ -324,20 +314,20 @@ impl PassiveState {
     /// Passes of backward displacement at one pressure; a single one where the last word is not needed.
     fn meet_image(
         &mut self,
-        anatomy: &Anatomy,
+        piece: &Piece<'_>,
         wall: &WallParameters,
         pressure_kpa: f64,
         tight: bool,
         search: &mut Search<'_>,
     ) -> Result<(), PassiveStateError> {
         let settings = search.settings;
-        let flat_image = anatomy.nodes.as_flattened();
-        let image_volume = self.dynamics.cavity_volume(&displacement(&anatomy.nodes, self.unloaded()));
+        let flat_image = piece.anatomy.nodes.as_flattened();
+        let image_volume = self.dynamics.cavity_volume(&displacement(&piece.anatomy.nodes, self.unloaded()));
         let mut last_mm = f64::INFINITY;
         let mut mixing = Mixing::default();
         for pass in 1.. {
             search.go_on(self, pressure_kpa)?;
-            let guess = displacement(&anatomy.nodes, self.unloaded());
+            let guess = displacement(&piece.anatomy.nodes, self.unloaded());
             self.settle(guess, pressure_kpa, &settings.newton).map_err(|source| PassiveStateError::Inflation {
                 reached_kpa: 0.0,
                 wanted_kpa: pressure_kpa,
@@ -349,7 +339,9 @@ impl PassiveState {
                 .collect();
             let volume_error = (self.volume_mm3() - image_volume).abs() / image_volume;
             let lengths = miss.as_chunks::<3>().0.iter().map(|m| m.iter().map(|x| x * x).sum::<f64>().sqrt());
-            let distance_mm = lengths.fold(0.0, f64::max);
+            let mut farthest = [lengths.fold(0.0, f64::max)];
+            self.dynamics.comm.max(&mut farthest);
+            let [distance_mm] = farthest;
             if tight && volume_error <= settings.volume_tolerance && distance_mm <= settings.distance_tolerance_mm {
                 return Ok(());
             }
@@ -357,10 +349,10 @@ impl PassiveState {
                 return Err(PassiveStateError::NotUnloaded { passes: pass, volume_error, distance_mm });
             }
             last_mm = distance_mm;
-            let change = mixing.change(&miss);
+            let change = mixing.change(self.dynamics.space(), &miss);
             let moved: Vec<f64> = self.dynamics.body.reference().iter().zip(&change).map(|(x, c)| x + c).collect();
             let anchor = self.anchor.iter().zip(&change).map(|(a, c)| a + c).collect();
-            *self = Self::at(anatomy, wall, moved.as_chunks::<3>().0, anchor)?.after(self);
+            *self = Self::at(piece, wall, moved.as_chunks::<3>().0, anchor)?.after(self);
             if !tight {
                 return Ok(());
             }
@@ -378,15 +370,17 @@ struct Mixing {
 }
 
 impl Mixing {
-    /// The change of the unloaded nodes that follows a miss \[mm\].
-    fn change(&mut self, miss: &[f64]) -> Vec<f64> {
+    /// The change of the unloaded nodes that follows a miss \[mm\]. Collective.
+    fn change(&mut self, space: Space<'_>, miss: &[f64]) -> Vec<f64> {
         let mut change: Vec<f64> = miss.iter().map(|m| -m).collect();
         if let Some((before, moved)) = &self.last {
-            let (mut along, mut square) = (0.0, 0.0);
-            for (m, b) in miss.iter().zip(before) {
-                along += m * (m - b);
-                square += (m - b) * (m - b);
+            let mut sums = [0.0; 2];
+            for (m, b) in miss.iter().zip(before).take(space.n_owned()) {
+                sums[0] += m * (m - b);
+                sums[1] += (m - b) * (m - b);
             }
+            space.comm.sum(&mut sums);
+            let [along, square] = sums;
             // Between none and twice the last change: beyond, it is no contraction that could be extrapolated.
             let share = if square > 0.0 { (along / square).clamp(-2.0, 1.0) } else { 0.0 };
             for ((c, moved), (m, b)) in change.iter_mut().zip(moved).zip(miss.iter().zip(before)) {

@@ -3,20 +3,18 @@
 //! Rank 0 knows the circulation and the program around it; the others wait for its commands. Every operation here is
 //! collective: rank 0 tells what it is ([`Command`]), and all ranks do it.
 
-use std::borrow::Cow;
 use std::sync::Arc;
 
 use cardiotwin_models::effects::FibreViscosity;
 use cardiotwin_models::ventricle::VentricleError;
 
-use super::anatomy::Anatomy;
 use super::contraction::{NodeAverage, PointContraction, SharedModel};
 use super::end_diastole::EndDiastole;
 use super::kernels::{Bench, Kernel};
+use super::share::Share;
 use super::wall::{WallError, WallParameters, displacement};
-use crate::body::{BodyError, Deformation};
+use crate::body::Deformation;
 use crate::dynamics::{Candidate, Dynamics, State};
-use crate::element::batch::ElementError;
 use crate::newton::{LinearSolver, Smallest};
 use crate::parallel::{Communicator, Counted, Part, Space, Traffic};
 use crate::step::{Closure, PointStress as _, Solver, StepError, StepReport, StepSettings, step};
@@ -29,28 +27,6 @@ pub(super) struct Setup {
     pub cycle_length_ms: f64,
     pub viscosity: Option<FibreViscosity>,
     pub settings: StepSettings,
-}
-
-/// What a rank is given of the heart, in its own numbers.
-#[derive(Debug)]
-pub(super) struct Share<'a> {
-    pub part: Part,
-    pub anatomy: Cow<'a, Anatomy>,
-    pub end_diastole: EndDiastole,
-    pub activation_ms: Vec<f64>,
-}
-
-impl<'a> Share<'a> {
-    pub fn of(part: Part, anatomy: &'a Anatomy, end_diastole: &EndDiastole, activation_ms: &[f64]) -> Self {
-        let whole = part.layout.neighbours.is_empty();
-        let (anatomy, end_diastole) = (anatomy.part(&part), end_diastole.part(&part));
-        let activation_ms = if whole { activation_ms.to_vec() } else { part.take(1, activation_ms) };
-        Self { part, anatomy, end_diastole, activation_ms }
-    }
-
-    pub fn into_owned(self) -> Share<'static> {
-        Share { anatomy: Cow::Owned(self.anatomy.into_owned()), ..self }
-    }
 }
 
 /// Values of nodes or points that rank 0 collects or hands out.
@@ -250,9 +226,7 @@ impl OrganRank {
         let traffic = Arc::new(Traffic::default());
         let comm = Box::new(Counted::new(comm, Arc::clone(&traffic)));
         let EndDiastole { unloaded, anchor, u, pressure_kpa } = end_diastole;
-        let mut dynamics = (setup.wall.hung_on(&anatomy, &unloaded, part.layout.clone(), comm))
-            .map_err(|error| failed(&in_whole_mesh(error, &part)))?;
-        dynamics.elements.clone_from(&part.elements);
+        let mut dynamics = setup.wall.hung(&anatomy, &unloaded, &part, comm).map_err(|e: WallError| failed(&e))?;
         let mut rest = displacement(&anatomy.nodes, &unloaded);
         rest.iter_mut().zip(&anchor).for_each(|(rest, anchor)| *rest += anchor);
         dynamics.supports[0].rest = rest;
@@ -465,17 +439,6 @@ impl OrganRank {
     /// How many numbers a point has of each of the states.
     pub fn widths(&self) -> [usize; 4] {
         self.contraction.states().map(|(width, _)| width)
-    }
-}
-
-/// The error with the element's number in the whole mesh.
-fn in_whole_mesh(error: WallError, part: &Part) -> WallError {
-    match error {
-        WallError::Body(BodyError::Element(ElementError::NotPositive { element, jacobian_mm3 })) => {
-            let element = part.elements[element] as usize;
-            WallError::Body(BodyError::Element(ElementError::NotPositive { element, jacobian_mm3 }))
-        }
-        other => other,
     }
 }
 

@@ -60,15 +60,26 @@ impl UnloadingSettings {
     /// The linear solver that suits an anatomy: multigrid for many linear elements, a factorisation otherwise.
     #[must_use]
     pub fn for_anatomy(anatomy: &Anatomy) -> Self {
-        let mut settings = Self::default();
         let linear = anatomy.nodes.len() == anatomy.n_vertices;
         let most = FACTORISED_UP_TO[usize::from(anatomy.volume == VolumeChange::Pointwise)];
-        if linear && anatomy.nodes.len() > most {
-            settings.newton.linear = LinearSolver::Multigrid;
-            // A set-up costs as much as some ten iterations; a solve takes forty or more.
-            settings.newton.keep_until = 80;
-        }
+        if linear && anatomy.nodes.len() > most { Self::on_ranks() } else { Self::default() }
+    }
+
+    /// The linear solver that several ranks have, multigrid.
+    #[must_use]
+    pub fn on_ranks() -> Self {
+        let mut settings = Self::default();
+        settings.newton.linear = LinearSolver::Multigrid;
+        // A set-up costs as much as some ten iterations; a solve takes forty or more.
+        settings.newton.keep_until = 80;
         settings
+    }
+
+    /// Whether several ranks can share the work on an anatomy: a factorisation, and what lies on quadratic elements, is one rank's.
+    #[must_use]
+    pub fn are_for_ranks(&self, anatomy: &Anatomy) -> bool {
+        let linear = anatomy.nodes.len() == anatomy.n_vertices;
+        linear && matches!(self.newton.linear, LinearSolver::Multigrid | LinearSolver::BlockJacobi)
     }
 }
 
@@ -115,14 +126,15 @@ impl<'a> Search<'a> {
         Self { settings, watch: Some(watch), trials: 0 }
     }
 
-    /// Whether to go on towards an equilibrium at `pressure_kpa`.
+    /// Whether to go on towards an equilibrium at `pressure_kpa`. Collective.
     pub(super) fn go_on(&mut self, state: &PassiveState, pressure_kpa: f64) -> Result<(), PassiveStateError> {
         let PassiveState { passes, newton_iterations, .. } = *state;
         let progress = SearchProgress { trials: self.trials, passes, newton_iterations, pressure_kpa };
-        match self.watch.as_mut().map_or(ControlFlow::Continue(()), |watch| watch(&progress)) {
-            ControlFlow::Continue(()) => Ok(()),
-            ControlFlow::Break(()) => Err(PassiveStateError::Stopped),
-        }
+        let stop = self.watch.as_mut().is_some_and(|watch| watch(&progress).is_break());
+        // Rank 0 is watched, and speaks for all.
+        let mut word = [f64::from(u8::from(stop))];
+        state.dynamics.comm.broadcast(&mut word);
+        if word[0] == 0.0 { Ok(()) } else { Err(PassiveStateError::Stopped) }
     }
 }
 

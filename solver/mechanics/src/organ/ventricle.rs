@@ -15,10 +15,12 @@ use super::census::Census;
 use super::contraction::SharedModel;
 use super::end_diastole::EndDiastole;
 use super::kernels::Kernel;
-use super::rank::{Command, OrganRank, RankFigures, Setup, Share, Values, chain};
+use super::piece;
+use super::rank::{Command, OrganRank, RankFigures, Setup, Values, chain};
+use super::share::Share;
 use super::wall::WallParameters;
 use crate::dynamics::Dynamics;
-use crate::parallel::{Communicator, Crew, Part, SingleProcess, ThreadRank, ThreadSettings, crew, owners};
+use crate::parallel::{Communicator, Crew, Part, SingleProcess, ThreadRank, ThreadSettings, crew};
 use crate::step::{Closure, StepError, StepReport, StepSettings};
 
 /// Kind in snapshots.
@@ -52,6 +54,21 @@ pub struct VentricleParts<'a> {
     pub cycle_length: Ms,
     /// Further parts of the cavity pressure.
     pub pressure_terms: Vec<Box<dyn CavityPressureTerm>>,
+    /// Viscous stress along the fibre.
+    pub viscosity: Option<FibreViscosity>,
+    /// Settings of the time steps.
+    pub settings: StepSettings,
+}
+
+/// What a rank other than 0 has to know itself of a ventricle; the rest comes from rank 0.
+#[derive(Debug)]
+pub struct RankParts<'a> {
+    /// Wall, with the stiffness that was fitted.
+    pub wall: &'a WallParameters,
+    /// Contraction model of every point.
+    pub contraction: GroupContraction,
+    /// Cycle length, after which every point is activated again.
+    pub cycle_length: Ms,
     /// Viscous stress along the fibre.
     pub viscosity: Option<FibreViscosity>,
     /// Settings of the time steps.
@@ -125,19 +142,15 @@ fn checked(parts: &VentricleParts<'_>) -> Result<(), VentricleError> {
 
 /// The part of each rank.
 fn parts_of(anatomy: &Anatomy, n_ranks: usize) -> Result<Vec<Part>, VentricleError> {
-    if n_ranks <= 1 {
-        return Ok(vec![Part::whole(anatomy.nodes.len(), anatomy.corners.len())]);
-    }
-    if anatomy.nodes.len() != anatomy.n_vertices {
+    if n_ranks > 1 && anatomy.nodes.len() != anatomy.n_vertices {
         let (name, value, expected) = ("ranks", n_ranks as f64, "1 with quadratic elements");
         return Err(VentricleError::Parameter { name, value, expected });
     }
-    let owners = owners(anatomy.n_vertices, &anatomy.corners, n_ranks).map_err(|error| VentricleError::NoMotion {
+    piece::parts_of(anatomy, n_ranks).map_err(|error| VentricleError::NoMotion {
         t_ms: 0.0,
         dt_ms: 0.0,
         reason: chain(&error),
-    })?;
-    Ok((0..n_ranks).map(|rank| Part::of(rank, &owners, &anatomy.corners)).collect())
+    })
 }
 
 impl FiniteElementVentricle {
@@ -210,21 +223,30 @@ impl FiniteElementVentricle {
         parts_of(parts.anatomy, n_ranks).map(|_| ())
     }
 
-    /// Rank 0 of ranks that `comm` joins; the others call [`Self::serve`] with the same parts. Collective.
+    /// Rank 0 of ranks that `comm` joins; the others call [`Self::serve`] and get their part of the mesh from here: none of them
+    /// ever holds all of it. Collective.
     ///
     /// # Errors
     /// As for [`Self::on_threads`], then on all ranks or on this one alone: whoever launched the ranks has to end the others.
     pub fn lead(parts: VentricleParts<'_>, comm: Box<dyn Communicator>) -> Result<Self, VentricleError> {
-        let (rank, rest) = one_of(parts, comm)?;
-        Ok(Self::led_by(rank, rest, None))
+        checked(&parts)?;
+        let (setup, rest) = taken(parts);
+        let mut of_ranks = parts_of(rest.anatomy, comm.n_ranks())?.into_iter();
+        let share = |part| Share::of(part, rest.anatomy, &rest.end_diastole, rest.activation_ms);
+        let own = of_ranks.next().map(share);
+        let Some(own) = own else { unreachable!("there is a rank 0") };
+        comm.scatter(std::iter::once(vec![]).chain(of_ranks.map(|part| share(part).parcel())).collect());
+        Ok(Self::led_by(OrganRank::new(&setup, own, comm)?, rest, None))
     }
 
     /// Any other rank: does what rank 0 wants until its ventricle is dropped.
     ///
     /// # Errors
     /// As for [`Self::lead`].
-    pub fn serve(parts: VentricleParts<'_>, comm: Box<dyn Communicator>) -> Result<(), VentricleError> {
-        let (rank, _) = one_of(parts, comm)?;
+    pub fn serve(parts: RankParts<'_>, comm: Box<dyn Communicator>) -> Result<(), VentricleError> {
+        let setup = parts.into();
+        let share = Share::opened(&comm.scatter(vec![]));
+        let rank = OrganRank::new(&setup, share, comm)?;
         Census::take(&rank);
         rank.serve();
         Ok(())
@@ -358,23 +380,21 @@ struct Rest<'a> {
 
 fn taken(parts: VentricleParts<'_>) -> (Setup, Rest<'_>) {
     let VentricleParts { anatomy, wall, end_diastole, contraction, activation_ms, cycle_length, .. } = parts;
-    let setup = Setup {
-        wall: wall.clone(),
-        contraction: SharedModel::new(contraction),
-        cycle_length_ms: cycle_length.0,
-        viscosity: parts.viscosity,
-        settings: parts.settings,
-    };
-    (setup, Rest { anatomy, end_diastole, activation_ms, pressure_terms: parts.pressure_terms })
+    let VentricleParts { pressure_terms, viscosity, settings, .. } = parts;
+    let setup = RankParts { wall, contraction, cycle_length, viscosity, settings }.into();
+    (setup, Rest { anatomy, end_diastole, activation_ms, pressure_terms })
 }
 
-/// The calling rank of several that all have the same parts.
-fn one_of(parts: VentricleParts<'_>, comm: Box<dyn Communicator>) -> Result<(OrganRank, Rest<'_>), VentricleError> {
-    checked(&parts)?;
-    let (setup, rest) = taken(parts);
-    let part = parts_of(rest.anatomy, comm.n_ranks())?.swap_remove(comm.rank());
-    let share = Share::of(part, rest.anatomy, &rest.end_diastole, rest.activation_ms);
-    Ok((OrganRank::new(&setup, share, comm)?, rest))
+impl From<RankParts<'_>> for Setup {
+    fn from(parts: RankParts<'_>) -> Self {
+        Self {
+            wall: parts.wall.clone(),
+            contraction: SharedModel::new(parts.contraction),
+            cycle_length_ms: parts.cycle_length.0,
+            viscosity: parts.viscosity,
+            settings: parts.settings,
+        }
+    }
 }
 
 /// Cavity pressure \[kPa\] and volume \[mm³\] that the circulation leaves, for the wall's pressure, with the volume's slope.

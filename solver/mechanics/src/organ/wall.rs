@@ -8,7 +8,7 @@ use crate::boundary::{Cavity, Robin, RobinDirection, SurfaceError, ValvePlane};
 use crate::dynamics::{Dynamics, Rayleigh, Support};
 use crate::linear::Pattern;
 use crate::material::{ActiveLaw, Guccione, Law, NeoHookean, Tissue, Volumetric, VolumetricLaw};
-use crate::parallel::{Communicator, Layout, SingleProcess};
+use crate::parallel::{Communicator, Part};
 use crate::time_integration::GeneralisedAlpha;
 
 /// Material, supports and damping of a left ventricle. [`WallParameters::default`] gives the values used where nothing else
@@ -101,23 +101,18 @@ impl WallParameters {
         }
     }
 
-    /// The wall with its unloaded nodes at `unloaded`, hung on the rim alone: what step 0 works with.
+    /// A rank's part of the wall with its unloaded nodes at `unloaded`, hung on the rim alone: what step 0 works with.
+    /// Collective.
+    ///
+    /// - `anatomy`, `unloaded`: of the `part`, see [`Anatomy::part`]
     ///
     /// # Errors
-    /// [`WallError`] for bad parameters, elements or surfaces.
-    pub fn hung(&self, anatomy: &Anatomy, unloaded: &[[f64; 3]]) -> Result<Dynamics, WallError> {
-        self.hung_on(anatomy, unloaded, Layout::whole(unloaded.len()), Box::new(SingleProcess))
-    }
-
-    /// As [`Self::hung`], a rank's part of it: see [`Anatomy::part`]. Collective.
-    ///
-    /// # Errors
-    /// [`WallError`], with the rank's own numbers of elements and nodes.
-    pub fn hung_on(
+    /// [`WallError`] for bad parameters, elements or surfaces; of elements on all ranks.
+    pub fn hung(
         &self,
         anatomy: &Anatomy,
         unloaded: &[[f64; 3]],
-        layout: Layout,
+        part: &Part,
         comm: Box<dyn Communicator>,
     ) -> Result<Dynamics, WallError> {
         self.check()?;
@@ -150,7 +145,8 @@ impl WallParameters {
                     tissue_of: &tissue_of,
                     frame: &frame,
                     volume,
-                    layout,
+                    layout: part.layout.clone(),
+                    elements: &part.elements,
                 }
             };
         }
@@ -161,6 +157,7 @@ impl WallParameters {
         let cavity = self.cavity(anatomy, body.reference(), body.pattern(), comm.as_ref())?;
         let mut dynamics = Dynamics::new(body, comm, GeneralisedAlpha::with_spectral_radius(self.spectral_radius));
         dynamics.cavity = Some(cavity);
+        dynamics.elements.clone_from(&part.elements);
         // At rest in the imaged configuration, which is the one that forces are balanced in.
         let rest = displacement(&anatomy.nodes, unloaded);
         dynamics.supports = vec![self.on_rim(anatomy, &dynamics, self.static_rim_share * self.rim_spring, rest)?];

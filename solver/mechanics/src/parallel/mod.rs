@@ -4,6 +4,7 @@
 mod agreement;
 mod communicator;
 mod layout;
+mod parcel;
 mod part;
 mod partition;
 mod threads;
@@ -12,6 +13,7 @@ mod traffic;
 pub use agreement::{Disagreement, agree};
 pub use communicator::{Communicator, SingleProcess};
 pub use layout::{Layout, Neighbour, Space};
+pub use parcel::{Opened, Parcel};
 pub use part::Part;
 pub use partition::{CutFigures, PartitionError, figures as cut_figures, owners};
 pub use threads::{Crew, RankFailure, ThreadRank, ThreadSettings, crew, on_threads};

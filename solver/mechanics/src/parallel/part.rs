@@ -1,6 +1,6 @@
 //! What one rank holds of a mesh.
 
-use super::{Layout, Neighbour};
+use super::{Layout, Neighbour, Opened, Parcel};
 
 /// Not among the nodes of a rank.
 const ELSEWHERE: u32 = u32::MAX;
@@ -16,7 +16,8 @@ pub struct Part {
     pub speaks_for: Vec<bool>,
     /// Owned nodes, ghosts, exchanges.
     pub layout: Layout,
-    place: Vec<u32>,
+    /// Ghosts by number in the whole mesh, ascending, with their places here.
+    ghosts: Vec<(u32, u32)>,
 }
 
 impl Part {
@@ -28,7 +29,7 @@ impl Part {
             elements: (0..n_elements as u32).collect(),
             speaks_for: vec![true; n_elements],
             layout: Layout::whole(n_nodes),
-            place: (0..n_nodes as u32).collect(),
+            ghosts: vec![],
         }
     }
 
@@ -70,25 +71,59 @@ impl Part {
             })
             .collect();
         let layout = Layout { n_owned, n_local: nodes.len(), neighbours };
-        Self { nodes, elements, speaks_for, layout, place }
+        Self::with(nodes, elements, speaks_for, layout)
+    }
+
+    fn with(nodes: Vec<u32>, elements: Vec<u32>, speaks_for: Vec<bool>, layout: Layout) -> Self {
+        let mut ghosts: Vec<(u32, u32)> =
+            (layout.n_owned..nodes.len()).map(|place| (nodes[place], place as u32)).collect();
+        ghosts.sort_unstable();
+        Self { nodes, elements, speaks_for, layout, ghosts }
     }
 
     /// Where this rank holds a node of the whole mesh.
     #[must_use]
     pub fn local(&self, node: u32) -> Option<u32> {
-        self.place.get(node as usize).copied().filter(|place| *place != ELSEWHERE)
+        let ghost = |at: usize| self.ghosts[at].1;
+        self.owned(node).or_else(|| self.ghosts.binary_search_by_key(&node, |(number, _)| *number).ok().map(ghost))
     }
 
     /// Where this rank holds a node of the whole mesh that it owns.
     #[must_use]
     pub fn owned(&self, node: u32) -> Option<u32> {
-        self.local(node).filter(|place| (*place as usize) < self.layout.n_owned)
+        self.owned_nodes().binary_search(&node).ok().map(|place| place as u32)
     }
 
     /// Numbers in the whole mesh of the owned nodes.
     #[must_use]
     pub fn owned_nodes(&self) -> &[u32] {
         &self.nodes[..self.layout.n_owned]
+    }
+
+    /// Writes the part for a rank that has no mesh; [`Self::unpack`] reads it.
+    pub fn pack(&self, to: &mut Parcel) {
+        to.indices(&self.nodes).indices(&self.elements).flags(&self.speaks_for);
+        let neighbours = &self.layout.neighbours;
+        to.indices(&[self.layout.n_owned as u32])
+            .indices(&neighbours.iter().map(|n| n.rank as u32).collect::<Vec<_>>());
+        for neighbour in neighbours {
+            to.indices(&neighbour.send).indices(&neighbour.receive);
+        }
+    }
+
+    /// Reads what [`Self::pack`] wrote.
+    ///
+    /// # Panics
+    /// Where it is something else.
+    #[must_use]
+    pub fn unpack(from: &mut Opened<'_>) -> Self {
+        let (nodes, elements, speaks_for) = (from.indices(), from.indices(), from.flags());
+        let (n_owned, ranks) = (from.indices()[0] as usize, from.indices());
+        let mut neighbour =
+            |rank: u32| Neighbour { rank: rank as usize, send: from.indices(), receive: from.indices() };
+        let neighbours = ranks.into_iter().map(&mut neighbour).collect();
+        let layout = Layout { n_owned, n_local: nodes.len(), neighbours };
+        Self::with(nodes, elements, speaks_for, layout)
     }
 
     /// Values of the nodes held, from those of the whole mesh, `width` a node.
@@ -121,6 +156,11 @@ mod tests {
                 let own = part.elements.iter().zip(&part.speaks_for).filter(|(_, speaks)| **speaks);
                 own.for_each(|(e, _)| spoken[*e as usize] += 1);
                 assert!(part.elements.is_sorted() && part.owned_nodes().is_sorted());
+                let mut parcel = Parcel::default();
+                part.pack(&mut parcel);
+                assert_eq!(&Part::unpack(&mut Opened::of(&parcel.numbers)), part);
+                let held = |node: u32| part.nodes.iter().position(|own| *own == node).map(|at| at as u32);
+                assert!((0..n as u32).step_by(7).all(|node| part.local(node) == held(node)));
                 // Every row of an owned node is complete.
                 for (e, tet) in mesh.tets.iter().enumerate() {
                     let touches = tet.iter().any(|node| part.owned(*node).is_some());

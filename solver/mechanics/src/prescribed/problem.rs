@@ -202,6 +202,7 @@ impl Problem<'_> {
             frame: self.frame,
             volume: self.kind.volume,
             layout: Layout::whole(nodes.len()),
+            elements: &[],
         }
     }
 

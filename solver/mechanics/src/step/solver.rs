@@ -118,7 +118,7 @@ impl Solver {
         if linear == LinearSolver::Multigrid && (self.stale || self.multigrid.is_none()) {
             let positions: Vec<f64> =
                 dynamics.body.reference().iter().zip(&candidate.motion.u).map(|(x, u)| x + u).collect();
-            self.multigrid = Some(Multigrid::new(tangent, &positions));
+            self.multigrid = Some(Multigrid::new(dynamics.space(), tangent, &positions));
             self.stale = false;
         }
     }

@@ -195,6 +195,26 @@ fn land_cells_see_the_last_transients_tail_before_activation() {
 }
 
 #[test]
+fn long_steps_in_late_filling_leave_the_same_samples_and_hardly_move_them() {
+    let usual = BeatSettings { record_nodes: true, ..BeatSettings::one_beat(Ms(900.0)) };
+    let long = BeatSettings { diastolic_step: Ms(8.0), ..usual };
+    let (usual, long) = (run(tanh(), &usual), run(tanh(), &long));
+    assert!(long.succeeded(), "{:?}", long.checks);
+    assert!(long.work.n_steps < usual.work.n_steps - 100, "{:?} {:?}", long.work, usual.work);
+    assert_eq!(long.traces.time_ms, usual.traces.time_ms);
+    assert_eq!(long.traces.mitral_open.len(), long.traces.time_ms.len());
+    let apart = |a: &[f64], b: &[f64]| a.iter().zip(b).fold(0.0_f64, |m, (a, b)| m.max((a - b).abs()));
+    assert!(apart(&long.traces.pressure_mmhg, &usual.traces.pressure_mmhg) < 0.5);
+    assert!(apart(&long.traces.volume_ml, &usual.traces.volume_ml) < 1.0);
+    let stretch = |result: &BeatResult| result.traces.nodes.as_ref().expect("recorded").lambda.clone();
+    assert_eq!(stretch(&long).len(), stretch(&usual).len());
+    assert!(apart(&stretch(&long), &stretch(&usual)) < 0.01);
+    // A step that is no longer than two intervals is none.
+    let none = run(tanh(), &BeatSettings { diastolic_step: Ms(1.9), ..BeatSettings::one_beat(CYCLE) });
+    assert_eq!(none, run(tanh(), &BeatSettings::one_beat(CYCLE)));
+}
+
+#[test]
 fn median_traces_of_a_beat() {
     let settings = BeatSettings { record_nodes: true, ..BeatSettings::one_beat(CYCLE) };
     let result = run(tanh(), &settings);

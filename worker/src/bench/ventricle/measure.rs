@@ -80,7 +80,8 @@ pub(super) fn beat(
     let seconds_setup = begun.elapsed().as_secs_f64();
     let before = ventricle.of_ranks();
 
-    let settings = BeatSettings { step: Ms(bench.step_ms), ..BeatSettings::one_beat(cycle_length) };
+    let (step, diastolic_step) = (Ms(bench.step_ms), Ms(bench.diastolic_step_ms));
+    let settings = BeatSettings { step, diastolic_step, ..BeatSettings::one_beat(cycle_length) };
     let mut phases = Phases::begun();
     let (begun, cpu) = (Instant::now(), cpu_s());
     let outcome = run_observed(&mut ventricle, &mut blood, &settings, None, |seen| {

@@ -53,34 +53,38 @@ fn off(found: &BeatBiomarkers, tight: &BeatBiomarkers) -> [Option<f64>; 5] {
     std::array::from_fn(|k| Some(100.0 * (found[k]? / tight[k]? - 1.0)))
 }
 
-/// What is told of a way: its settings, the time step over the default one, and whether the solver forgets after each step.
-type Way = (&'static str, StepSettings, f64, bool);
+/// What is told of a way: its settings, the time step and that of late filling over the default one, and whether the solver
+/// forgets after each step.
+type Way = (&'static str, StepSettings, [f64; 2], bool);
 
 fn ways(tolerance: f64) -> Vec<Way> {
     let usual = StepSettings { relative_tolerance: tolerance, ..StepSettings::default() };
     let tight = StepSettings { relative_tolerance: TIGHT, linear: LinearSolver::Direct, max_iterations: 40, ..usual };
     vec![
-        ("tight: tolerance 1e-8, double precision, factorised", tight, 1.0, false),
-        ("default", usual, 1.0, false),
-        ("Newton's tolerance 1e-6", StepSettings { relative_tolerance: 1e-6, ..usual }, 1.0, false),
-        ("Newton's tolerance 1e-3", StepSettings { relative_tolerance: 1e-3, ..usual }, 1.0, false),
-        ("no predictor", StepSettings { extrapolate: false, ..usual }, 1.0, false),
-        ("solves begin at zero, not at the last response", usual, 1.0, true),
+        ("tight: tolerance 1e-8, double precision, factorised", tight, [1.0, 0.0], false),
+        ("default", usual, [1.0, 0.0], false),
+        ("Newton's tolerance 1e-6", StepSettings { relative_tolerance: 1e-6, ..usual }, [1.0, 0.0], false),
+        ("Newton's tolerance 1e-3", StepSettings { relative_tolerance: 1e-3, ..usual }, [1.0, 0.0], false),
+        ("no predictor", StepSettings { extrapolate: false, ..usual }, [1.0, 0.0], false),
+        ("solves begin at zero, not at the last response", usual, [1.0, 0.0], true),
         (
             "matrix in double precision, symmetric sweep",
             StepSettings { linear: LinearSolver::SymmetricSweep, ..usual },
-            1.0,
+            [1.0, 0.0],
             false,
         ),
-        ("multigrid", StepSettings { linear: LinearSolver::Multigrid, ..usual }, 1.0, false),
-        ("factorised, kept while it serves", StepSettings { linear: LinearSolver::Direct, ..usual }, 1.0, false),
+        ("multigrid", StepSettings { linear: LinearSolver::Multigrid, ..usual }, [1.0, 0.0], false),
+        ("factorised, kept while it serves", StepSettings { linear: LinearSolver::Direct, ..usual }, [1.0, 0.0], false),
         (
             "factorised anew each iteration",
             StepSettings { linear: LinearSolver::Direct, keep_until: 1, ..usual },
-            1.0,
+            [1.0, 0.0],
             false,
         ),
-        ("steps twice as long", usual, 2.0, false),
+        ("steps twice as long", usual, [2.0, 0.0], false),
+        ("steps of late filling twice as long", usual, [1.0, 2.0], false),
+        ("steps of late filling four times as long", usual, [1.0, 4.0], false),
+        ("steps of late filling eight times as long", usual, [1.0, 8.0], false),
     ]
 }
 
@@ -94,11 +98,12 @@ pub fn shortcuts(
     stop: &StopFlag,
     mut report: impl FnMut(&str),
 ) -> Result<Shortcuts, BenchError> {
-    let subject = Subject::new(bench.nodes, bench.element, None, &mut report)?;
+    let subject = Subject::new(bench.nodes, bench.element, &[Ranks::Threads(threads)], stop, &mut report)?;
     let mut rows: Vec<Shortcut> = vec![];
-    for (name, settings, longer, forgets) in ways(bench.tolerance) {
+    for (name, settings, [longer, of_filling], forgets) in ways(bench.tolerance) {
         report(name);
-        let bench = VentricleBench { step_ms: longer * bench.step_ms, ..*bench };
+        let diastolic_step_ms = of_filling * bench.step_ms;
+        let bench = VentricleBench { step_ms: longer * bench.step_ms, diastolic_step_ms, ..*bench };
         let ranks = Ranks::Threads(if settings.linear == LinearSolver::BlockJacobi { threads } else { 1 });
         let Beat { ventricle, seconds_total, diverged, biomarkers, .. } =
             beat(&subject, &bench, settings, ranks, stop, |ventricle, _| {

@@ -1,9 +1,11 @@
 //! The generated ventricle of the bench, at its end-diastole.
 
+use std::ops::ControlFlow;
 use std::time::Instant;
 
 use cardiotwin_mechanics::organ::{
-    Anatomy, ElementKind, EndDiastole, PassiveState, Search, UnloadingSettings, VentricleParts, WallParameters,
+    Anatomy, ElementKind, EndDiastole, PassiveFit, PassiveJob, RankParts, Search, SearchProgress, UnloadingSettings,
+    VentricleParts, WallParameters,
 };
 use cardiotwin_mechanics::step::StepSettings;
 use cardiotwin_mesh::TetMesh;
@@ -14,10 +16,12 @@ use cardiotwin_mesh::order::Renumbering;
 use cardiotwin_mesh::tags;
 use cardiotwin_models::contraction::{Tanh, TanhParameters};
 use cardiotwin_models::ventricle::GroupContraction;
+use cardiotwin_schemas::finite_element::WallSettings;
 use cardiotwin_units::{MMHG_PER_KPA, Ml, Ms};
 
-use super::{BenchError, Element, failed};
-use crate::team::Team;
+use super::{BenchError, Element, Ranks, failed};
+use crate::finite_element::passive::{Workers, found};
+use crate::stop::StopFlag;
 
 /// Cavity and wall of the generated ventricle.
 const CAVITY_ML: f64 = 112.0;
@@ -38,17 +42,47 @@ pub(super) struct Subject {
     end_diastole: EndDiastole,
 }
 
+/// Stopping was asked for before the beat.
+#[derive(Debug, thiserror::Error)]
+#[error("before the beat")]
+struct Early;
+
+fn going_on(stop: &StopFlag) -> Result<(), BenchError> {
+    if stop.is_raised() { Err(failed("stopped on request")(Early)) } else { Ok(()) }
+}
+
+pub(super) fn wall() -> WallParameters {
+    let mut wall = WallParameters::default();
+    wall.muscle.c_kpa = STIFFNESS_KPA;
+    wall
+}
+
+fn contraction() -> Result<GroupContraction, BenchError> {
+    let tanh = TanhParameters { smax_ref_kpa: 100.0, t_cr_ms: 400.0, ..TanhParameters::default() };
+    Ok(GroupContraction::tanh(Tanh::new(tanh).map_err(failed("no contraction model"))?))
+}
+
+/// What a rank other than 0 brings with it.
+pub(super) fn of_another_rank(
+    wall: &WallParameters,
+    cycle_length: Ms,
+    settings: StepSettings,
+) -> Result<RankParts<'_>, BenchError> {
+    Ok(RankParts { wall, contraction: contraction()?, cycle_length, viscosity: None, settings })
+}
+
 impl Subject {
-    /// Makes the mesh, and inflates it: of several processes rank 0 alone, for all.
+    /// Makes the mesh, and inflates it on the most of `ranks`; of several processes rank 0, which the others follow.
     pub fn new(
         nodes: usize,
         element: Element,
-        team: Option<&Team>,
+        ranks: &[Ranks<'_>],
+        stop: &StopFlag,
         mut report: impl FnMut(&str),
     ) -> Result<Self, BenchError> {
         let begun = Instant::now();
         report("mesh, fibres, activation");
-        let (mesh, times) = heart(nodes)?;
+        let (mesh, times) = heart(nodes, stop)?;
         let kind = match element {
             Element::Linear => ElementKind::LINEAR_NODAL,
             Element::Pointwise => ElementKind::LINEAR_POINTWISE,
@@ -60,44 +94,30 @@ impl Subject {
 
         report(&format!("inflation of {nodes} nodes, {elements} tetrahedra"));
         let begun = Instant::now();
-        let mut wall = WallParameters::default();
-        wall.muscle.c_kpa = STIFFNESS_KPA;
-        let comm = team.map(Team::comm);
-        let end_diastole = match comm.as_ref().filter(|comm| comm.rank() > 0) {
-            None => inflated(&anatomy, &wall)?,
-            // The image is taken for unloaded: displacements are all that rank 0 found.
-            Some(_) => EndDiastole {
-                unloaded: anatomy.nodes.clone(),
-                anchor: vec![0.0; 3 * nodes],
-                u: vec![0.0; 3 * nodes],
-                pressure_kpa: END_DIASTOLIC_MMHG / MMHG_PER_KPA,
-            },
-        };
-        let mut subject = Self {
-            nodes,
-            elements,
-            seconds_mesh,
-            seconds_inflation: begun.elapsed().as_secs_f64(),
-            anatomy,
-            times,
-            wall,
-            end_diastole,
-        };
-        if let Some(comm) = comm {
-            comm.order(&mut [1.0]);
-            comm.broadcast(&mut subject.end_diastole.u);
+        let mut workers = Workers::Threads(1);
+        for ranks in ranks {
+            workers = match (*ranks, workers) {
+                (Ranks::Team(team), _) => Workers::Team(team),
+                (Ranks::Threads(n), Workers::Threads(most)) => Workers::Threads(n.max(most)),
+                (_, workers) => workers,
+            };
         }
-        Ok(subject)
+        let end_diastole = inflated(&anatomy, workers, stop)?;
+        if let Workers::Team(team) = workers {
+            // To the beat.
+            team.dismiss();
+        }
+        let seconds_inflation = begun.elapsed().as_secs_f64();
+        Ok(Self { nodes, elements, seconds_mesh, seconds_inflation, anatomy, times, wall: wall(), end_diastole })
     }
 
     /// What a ventricle is made from.
     pub fn parts(&self, cycle_length: Ms, settings: StepSettings) -> Result<VentricleParts<'_>, BenchError> {
-        let tanh = TanhParameters { smax_ref_kpa: 100.0, t_cr_ms: 400.0, ..TanhParameters::default() };
         Ok(VentricleParts {
             anatomy: &self.anatomy,
             wall: &self.wall,
             end_diastole: self.end_diastole.clone(),
-            contraction: GroupContraction::tanh(Tanh::new(tanh).map_err(failed("no contraction model"))?),
+            contraction: contraction()?,
             activation_ms: &self.times,
             cycle_length,
             pressure_terms: vec![],
@@ -108,13 +128,15 @@ impl Subject {
 }
 
 /// A generated mesh with fibres, and its activation times.
-fn heart(nodes: usize) -> Result<(TetMesh, Vec<f64>), BenchError> {
+fn heart(nodes: usize, stop: &StopFlag) -> Result<(TetMesh, Vec<f64>), BenchError> {
     let spec = EllipsoidSpec::new(Ml(CAVITY_ML), Ml(WALL_ML), nodes);
     let made = generate(&spec).map_err(failed("cannot generate a ventricle"))?;
     let mut mesh = Renumbering::reverse_cuthill_mckee(&made.mesh).apply(&made.mesh);
+    going_on(stop)?;
     let muscle = [tags::LEFT_VENTRICLE];
     let found = fields(&mesh, &muscle, Longitudinal::FromBase).map_err(failed("no fibres"))?;
     mesh.frames = frames(&mesh, &muscle, &found, &Angles::default());
+    going_on(stop)?;
     let conduction = Conduction {
         speeds: Speeds::default(),
         endocardial_speed: Some(ENDOCARDIAL_SPEED),
@@ -122,13 +144,18 @@ fn heart(nodes: usize) -> Result<(TetMesh, Vec<f64>), BenchError> {
         sites: made.shape.fascicles().to_vec(),
     };
     let times = activation_ms(&mesh, &conduction).map_err(failed("no activation"))?;
+    going_on(stop)?;
     Ok((mesh, times))
 }
 
 /// End-diastole of the image taken for unloaded.
-fn inflated(anatomy: &Anatomy, wall: &WallParameters) -> Result<EndDiastole, BenchError> {
-    let mut search = Search::new(UnloadingSettings::for_anatomy(anatomy));
-    let mut state = PassiveState::unloaded_image(anatomy, wall).map_err(failed("no wall"))?;
-    state.inflate(END_DIASTOLIC_MMHG / MMHG_PER_KPA, &mut search).map_err(failed("no end-diastole"))?;
-    Ok(state.into())
+fn inflated(anatomy: &Anatomy, workers: Workers<'_>, stop: &StopFlag) -> Result<EndDiastole, BenchError> {
+    let target = PassiveFit::ImageUnloaded { end_diastolic_pressure_kpa: END_DIASTOLIC_MMHG / MMHG_PER_KPA };
+    let job = PassiveJob { wall: wall(), target, slope: None, steepened_by: None };
+    let mut watch =
+        |_: &SearchProgress| if stop.is_raised() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) };
+    let mut search = Search::watched(UnloadingSettings::for_anatomy(anatomy), &mut watch);
+    // The wall's other settings are the defaults.
+    let found = found(&job, &WallSettings::default(), anatomy, workers, &mut search);
+    Ok(found.map_err(failed("no end-diastole"))?.end_diastole)
 }

@@ -8,13 +8,13 @@ use std::path::Path;
 use std::time::Instant;
 
 use cardiotwin_mechanics::newton::LinearSolver;
-use cardiotwin_mechanics::organ::{ElementKind, FiniteElementVentricle, VentricleParts, VentricleWork};
+use cardiotwin_mechanics::organ::{ElementKind, FiniteElementVentricle, RankParts, VentricleParts, VentricleWork};
 use cardiotwin_mechanics::parallel::ThreadSettings;
 use cardiotwin_mechanics::step::StepSettings;
 use cardiotwin_mesh::TetMesh;
 use cardiotwin_models::beat::{BeatOutcome, BeatSettings, run_observed};
 use cardiotwin_models::circulation::Circulation;
-use cardiotwin_models::effects::{LatePart, Surroundings, in_three_dimensions};
+use cardiotwin_models::effects::{InThreeDimensionsParts, LatePart, Surroundings, in_three_dimensions};
 use cardiotwin_models::ventricle::passive_state::DEFAULT_EXPONENT;
 use cardiotwin_models::ventricle::{OneFibrePassive, Ventricle as _};
 use cardiotwin_schemas::finite_element::{EquationSettings, FiniteElementOrgan, FiniteElementSettings};
@@ -31,9 +31,10 @@ use crate::finite_element::checkpoint::{BeatCheckpoint, Due, FILE};
 use crate::finite_element::rows::NodalRows;
 use crate::finite_element::series::{self, Series};
 use crate::finite_element::shapes::Shapes;
+use crate::finite_element::stored::About;
 use crate::finite_element::{FiniteElementError, StoredVentricle, heart, wall};
 use crate::nodal;
-use crate::team::{Session, Team};
+use crate::team::{Call, Session, Team};
 
 /// Ventricle and circulation at their start.
 pub(super) struct Organ {
@@ -106,7 +107,7 @@ pub(super) fn run(
         let time = seen.ventricle_time_ms();
         let beat = seen.progress.n_beats;
         shapes.observe(beat, seen.progress.intervals, seen.ventricle);
-        if let Err(source) = rows.observe(beat, seen.ventricle) {
+        if let Err(source) = rows.observe((beat, seen.progress.traces.time_ms.len()), seen.ventricle) {
             return ControlFlow::Break(not_kept(source));
         }
         if let Some(series) = &mut series
@@ -261,7 +262,8 @@ pub(super) fn assemble(
             return FiniteElementVentricle::new(parts).map(|ventricle| (None, ventricle));
         }
         FiniteElementVentricle::check(&parts, team.n_ranks())?;
-        let session = team.begin(spec);
+        let about = Box::new(stored.about.clone());
+        let session = team.begin(&Call::Beat(Box::new(spec.clone()), about));
         match FiniteElementVentricle::lead(parts, team.comm()) {
             Ok(ventricle) => Ok((Some(session), ventricle)),
             Err(error) => {
@@ -278,19 +280,30 @@ pub(super) fn assemble(
 ///
 /// # Errors
 /// As for [`run`].
-pub(super) fn serve(spec: &OrganBeatSpec, organ: &FiniteElementOrgan, team: &Team) -> Result<(), TaskError> {
-    let stored = StoredVentricle::read(&organ.ventricle)?;
-    let serve = |parts: VentricleParts<'_>, _| FiniteElementVentricle::serve(parts, team.comm());
-    with_parts(spec, organ, &stored, serve)?.0.map_err(TaskError::Organ)
-}
-
-/// Does `work` with the parts of a ventricle, and whether several ranks can share it; returns the circulation, too.
-fn with_parts<T>(
+pub(super) fn serve(
     spec: &OrganBeatSpec,
     organ: &FiniteElementOrgan,
-    stored: &StoredVentricle,
-    work: impl FnOnce(VentricleParts<'_>, bool) -> T,
-) -> Result<(T, Circulation), TaskError> {
+    about: &About,
+    team: &Team,
+) -> Result<(), TaskError> {
+    let parts = effected(spec, organ, about)?;
+    let wall = wall::parameters(&about.wall, about.exponent_factor, parts.cross_fibre_share);
+    let own = RankParts {
+        wall: &wall,
+        contraction: parts.contraction,
+        cycle_length: Ms(spec.cycle_length_ms),
+        viscosity: parts.viscosity,
+        settings: step_settings(spec),
+    };
+    FiniteElementVentricle::serve(own, team.comm()).map_err(TaskError::Organ)
+}
+
+/// What the effects of a specification make of the heart around the mesh.
+fn effected(
+    spec: &OrganBeatSpec,
+    organ: &FiniteElementOrgan,
+    about: &About,
+) -> Result<InThreeDimensionsParts, TaskError> {
     let figures = &organ.figures;
     // A one-fibre ventricle of the same volumes, from which effects take those that they need.
     let reference = OneFibrePassive::through(
@@ -305,17 +318,40 @@ fn with_parts<T>(
     let contraction = contraction(&spec.contraction, spec.cycle_length_ms)?;
     let effects = effects(&spec.circulation.effects)?;
     let parts = in_three_dimensions(&surroundings, reference, contraction, &effects)?;
-    let (found, expected) = (stored.about.effects_exponent_factor, parts.exponent_factor);
+    let (found, expected) = (about.effects_exponent_factor, parts.exponent_factor);
     if found != expected {
         return Err(FiniteElementError::Exponents { found, expected }.into());
     }
+    Ok(parts)
+}
+
+fn equations(spec: &OrganBeatSpec) -> EquationSettings {
+    spec.finite_element.unwrap_or_else(|| FiniteElementSettings::default().equations())
+}
+
+fn step_settings(spec: &OrganBeatSpec) -> StepSettings {
+    let EquationSettings { tolerance, linear_solver, .. } = equations(spec);
+    StepSettings {
+        relative_tolerance: tolerance,
+        max_iterations: spec.newton_iterations as usize,
+        linear: wall::linear_solver(linear_solver),
+        ..StepSettings::default()
+    }
+}
+
+/// Does `work` with the parts of a ventricle, and whether several ranks can share it; returns the circulation, too.
+fn with_parts<T>(
+    spec: &OrganBeatSpec,
+    organ: &FiniteElementOrgan,
+    stored: &StoredVentricle,
+    work: impl FnOnce(VentricleParts<'_>, bool) -> T,
+) -> Result<(T, Circulation), TaskError> {
+    let parts = effected(spec, organ, &stored.about)?;
     let restored = stored.restore(parts.cross_fibre_share)?;
     let activation_ms: Vec<f64> = (stored.mesh.nodes_mm.iter().zip(&stored.activation_ms))
-        .map(|(node, time)| figures.onset_ms + time + parts.late.map_or(0.0, |late| delay_ms(late, node)))
+        .map(|(node, time)| organ.figures.onset_ms + time + parts.late.map_or(0.0, |late| delay_ms(late, node)))
         .collect();
-    let equations = spec.finite_element.unwrap_or_else(|| FiniteElementSettings::default().equations());
-    let is_shared = is_shared(wall::element(stored.about.element), &equations);
-    let EquationSettings { tolerance, linear_solver, .. } = equations;
+    let is_shared = is_shared(wall::element(stored.about.element), &equations(spec));
     let of_ventricle = VentricleParts {
         anatomy: &restored.anatomy,
         wall: &restored.wall,
@@ -325,12 +361,7 @@ fn with_parts<T>(
         cycle_length: Ms(spec.cycle_length_ms),
         pressure_terms: parts.pressure_terms,
         viscosity: parts.viscosity,
-        settings: StepSettings {
-            relative_tolerance: tolerance,
-            max_iterations: spec.newton_iterations as usize,
-            linear: wall::linear_solver(linear_solver),
-            ..StepSettings::default()
-        },
+        settings: step_settings(spec),
     };
     Ok((work(of_ventricle, is_shared), parts.circulation))
 }

@@ -28,6 +28,7 @@ use crate::calcium;
 use crate::cell_parameters::NamedCell;
 use crate::context::Context;
 use crate::error::{TaskError, chain};
+use crate::finite_element::stored::About;
 use crate::nodal::{self, number};
 use crate::tasks::passive_state::estimates::to_solver;
 use crate::team::Team;
@@ -38,11 +39,11 @@ const PERIODIC_CHANGE: f64 = 0.1;
 /// Helps rank 0 of `team` with a beat in 3D.
 ///
 /// # Errors
-/// [`TaskError`] when the specification is outside the models or the ventricle's file is not as planned.
-pub(crate) fn serve(spec: &OrganBeatSpec, team: &Team) -> Result<(), TaskError> {
+/// [`TaskError`] when the specification is outside the models or does not belong to the ventricle's file.
+pub(crate) fn serve(spec: &OrganBeatSpec, about: &About, team: &Team) -> Result<(), TaskError> {
     match &spec.organ {
         OrganSpec::Reduced { .. } => Ok(()),
-        OrganSpec::FiniteElement(organ) => finite_element::serve(spec, organ, team),
+        OrganSpec::FiniteElement(organ) => finite_element::serve(spec, organ, about, team),
     }
 }
 
@@ -122,6 +123,7 @@ fn settings(spec: &OrganBeatSpec) -> BeatSettings {
             }
         },
         step: Ms(spec.time_step_ms),
+        diastolic_step: Ms(spec.finite_element.map_or(0.0, |equations| equations.diastolic_step_ms)),
         shortest_step: Ms(spec.shortest_step_ms),
         record_nodes: true,
     }

@@ -6,10 +6,8 @@ use std::collections::BTreeMap;
 use std::ops::ControlFlow;
 use std::time::Instant;
 
-use cardiotwin_mechanics::organ::passive_fit::{fit, stiffened};
 use cardiotwin_mechanics::organ::{
-    Anatomy, Fitted, PassiveFit, PassiveState, PassiveStateError, Search, SearchProgress, Slope, UnloadingSettings,
-    WallParameters,
+    Anatomy, FoundState, PassiveFit, PassiveJob, PassiveStateError, Search, SearchProgress, UnloadingSettings,
 };
 use cardiotwin_mesh::eikonal::{Conduction, Speeds, activation_ms};
 use cardiotwin_mesh::ellipsoid::{EllipsoidSpec, generate};
@@ -20,7 +18,7 @@ use cardiotwin_mesh::tags;
 use cardiotwin_mesh::tet_mesh::TetMesh;
 use cardiotwin_models::effects::{EffectSetting, InThreeDimensions};
 use cardiotwin_models::ventricle::passive_state::klotz_unloaded_volume;
-use cardiotwin_schemas::finite_element::{AnatomySpec, FiniteElementOrgan, VentricleFigures};
+use cardiotwin_schemas::finite_element::{AnatomySpec, FiniteElementOrgan, VentricleFigures, WallSettings};
 use cardiotwin_schemas::outcome::Estimate;
 use cardiotwin_schemas::settings::StartMode;
 use cardiotwin_schemas::task::PassiveStateSpec;
@@ -30,6 +28,7 @@ use super::own_mesh::{Taken, take};
 use super::{EndDiastole, Measurements, onset_ms};
 use crate::context::Context;
 use crate::error::TaskError;
+use crate::finite_element::passive::{Workers, found};
 use crate::finite_element::stored::About;
 use crate::finite_element::{FiniteElementError, StoredVentricle, wall};
 
@@ -193,15 +192,15 @@ fn exponent_factor(anatomy: &AnatomySpec) -> Result<f64, TaskError> {
     Ok(factor)
 }
 
-/// The fit, and the exponents' factor of the patient's effects on top of it: the law is fitted to what was measured, the
-/// effect then steepens it around the same end-diastole, as in the reduced ventricle.
-fn fitted(
+/// Looks for a passive state, on the context's team or threads where the mesh is large.
+fn searched(
     anatomy: &Anatomy,
-    start: &WallParameters,
-    of_effects: f64,
-    (target, slope): (&PassiveFit, Option<Slope>),
+    job: &PassiveJob,
+    settings: &WallSettings,
     context: &mut Context,
-) -> Result<Fitted, TaskError> {
+) -> Result<FoundState, TaskError> {
+    let team = context.team.clone();
+    let workers = team.as_ref().map_or(Workers::Threads(context.threads.max(1) as usize), Workers::Team);
     let mut watch = |p: &SearchProgress| {
         context.progress.report("unloading", p.newton_iterations as f64, None, || {
             format!(
@@ -215,15 +214,10 @@ fn fitted(
         }
     };
     let mut search = Search::watched(UnloadingSettings::for_anatomy(anatomy), &mut watch);
-    let failed = |error| match error {
+    found(job, settings, anatomy, workers, &mut search).map_err(|error| match error {
         PassiveStateError::Stopped => TaskError::Cancelled,
         error => TaskError::FiniteElement(error.into()),
-    };
-    let found = fit(anatomy, start, target, slope, &mut search).map_err(failed)?;
-    if matches!(target, PassiveFit::Given { .. }) || of_effects == 1.0 {
-        return Ok(found);
-    }
-    stiffened(anatomy, &found, of_effects, &mut search).map_err(failed)
+    })
 }
 
 /// A mesh with the law that was fitted on it.
@@ -232,8 +226,7 @@ struct Built {
     /// Activation times of its nodes \[ms\].
     times: Vec<f64>,
     degrees_of_freedom: usize,
-    state: PassiveState,
-    wall: WallParameters,
+    state: FoundState,
     /// Factor of all exponents.
     exponent_factor: f64,
     /// Of mesh, fibres, activation and fit \[s\].
@@ -253,9 +246,10 @@ fn build(
     let first_factor = match goal {
         PassiveFit::Given { .. } => of_effects,
         PassiveFit::ThreePoints { .. } => USUAL_FACTOR,
-        PassiveFit::Unloaded { .. } => 1.0,
+        PassiveFit::Unloaded { .. } | PassiveFit::ImageUnloaded { .. } => 1.0,
     };
-    let mut start = wall::parameters(&spec.wall, first_factor, 0.0);
+    let wall = wall::parameters(&spec.wall, first_factor, 0.0);
+    let mut job = PassiveJob { wall, target: goal, slope: None, steepened_by: None };
     let begun = Instant::now();
     let mut seconds = [0.0; 3];
     let mut sizes = vec![];
@@ -266,7 +260,6 @@ fn build(
         smaller *= 8;
     }
     sizes.push(last);
-    let mut slope = None;
     for n_nodes in sizes {
         context.check_stop()?;
         context.progress.report("mesh", 0.0, None, || format!("about {n_nodes} nodes"));
@@ -279,19 +272,22 @@ fn build(
             format!("{} nodes, {} tetrahedra, {degrees_of_freedom} degrees of freedom", mesh.n_nodes(), mesh.n_tets())
         });
         if n_nodes < last {
-            match fitted(&anatomy, &start, 1.0, (&goal, slope), context) {
-                Ok(found) => (start, slope) = (found.wall, found.slope),
+            match searched(&anatomy, &job, &spec.wall, context) {
+                Ok(found) => (job.wall, job.slope) = (found.wall, found.slope),
                 Err(TaskError::Cancelled) => return Err(TaskError::Cancelled),
                 // Where the small one has no law, the large one says so.
                 Err(_) => {}
             }
             continue;
         }
-        let Fitted { state, wall, .. } = fitted(&anatomy, &start, of_effects, (&goal, slope), context)?;
-        let exponent_factor = wall.muscle.b_f / spec.wall.b_f;
+        // The law is fitted to what was measured; the patient's effects then steepen it around the same end-diastole, as in the
+        // reduced ventricle.
+        job.steepened_by = (!given && of_effects != 1.0).then_some(of_effects);
+        let state = searched(&anatomy, &job, &spec.wall, context)?;
+        let exponent_factor = state.wall.muscle.b_f / spec.wall.b_f;
         let [meshed, fibres, activation] = seconds;
         let seconds = [meshed, fibres, activation, begun.elapsed().as_secs_f64() - meshed - fibres - activation];
-        return Ok(Built { mesh, times, degrees_of_freedom, state, wall, exponent_factor, seconds });
+        return Ok(Built { mesh, times, degrees_of_freedom, state, exponent_factor, seconds });
     }
     unreachable!("the last size returns")
 }
@@ -337,7 +333,7 @@ pub(super) fn make(
         }
         built => built?,
     };
-    let Built { mesh, times, degrees_of_freedom, state, wall: fitted, exponent_factor, seconds } = built;
+    let Built { mesh, times, degrees_of_freedom, state, exponent_factor, seconds } = built;
     let mut activated: Vec<f64> = times.iter().copied().filter(|t| t.is_finite()).collect();
     activated.sort_by(f64::total_cmp);
     let (middle, spread_ms) = (activated[activated.len() / 2], activated.last().copied().unwrap_or_default());
@@ -363,8 +359,9 @@ pub(super) fn make(
     count("newton_iterations", state.newton_iterations as f64);
     count("unloading_passes", state.passes as f64);
 
+    let FoundState { end_diastole: found, wall: fitted, .. } = state;
     adapted.wall.guccione_c_kpa = fitted.muscle.c_kpa;
-    let volumes = (1e-3 * state.unloaded_volume_mm3(), 1e-3 * state.volume_mm3());
+    let volumes = (1e-3 * state.unloaded_volume_mm3, 1e-3 * state.volume_mm3);
     let figures = VentricleFigures {
         nodes: mesh.n_nodes() as u64,
         elements: mesh.n_tets() as u64,
@@ -387,13 +384,13 @@ pub(super) fn make(
             wall: adapted.wall,
             exponent_factor,
             effects_exponent_factor: of_effects,
-            end_diastolic_pressure_kpa: state.pressure_kpa,
+            end_diastolic_pressure_kpa: found.pressure_kpa,
             surfaces: mesh.surfaces.iter().map(|s| s.name.clone()).collect(),
         },
         activation_ms: times,
-        unloaded: state.unloaded().to_vec(),
-        anchor: state.anchor().to_vec(),
-        u: state.u.clone(),
+        unloaded: found.unloaded,
+        anchor: found.anchor,
+        u: found.u,
         mesh,
     };
     let ventricle = context.artefacts.write_bytes("ventricle", "ventricle.bin", &stored.to_bytes())?;

@@ -3,19 +3,19 @@
 use crate::linear::Pattern;
 
 /// The group of each row of `pattern`, and the number of groups: a root with all its neighbours where none of them is
-/// taken, then what is left over with the neighbouring group that it shares most with.
+/// taken, then what is left over with the neighbouring group that it shares most with. Columns without a row, ghosts, are left
+/// out: groups end at the border of a rank.
 ///
 /// Source: Vaněk, Mandel and Brezina 1996, Computing 56:179, algorithm 5.1.
 pub(super) fn aggregates(pattern: &Pattern) -> (Vec<u32>, usize) {
     const FREE: u32 = u32::MAX;
     let n = pattern.n_rows();
+    let around = |row: usize| pattern.row(row).map(|k| pattern.column[k] as usize).filter(|other| *other < n);
     let mut group = vec![FREE; n];
     let mut n_groups = 0;
     for root in 0..n {
-        if pattern.row(root).all(|k| group[pattern.column[k] as usize] == FREE) {
-            for k in pattern.row(root) {
-                group[pattern.column[k] as usize] = n_groups;
-            }
+        if around(root).all(|other| group[other] == FREE) {
+            around(root).for_each(|other| group[other] = n_groups);
             group[root] = n_groups;
             n_groups += 1;
         }
@@ -24,8 +24,8 @@ pub(super) fn aggregates(pattern: &Pattern) -> (Vec<u32>, usize) {
     for node in (0..n).filter(|node| of_roots[*node] == FREE) {
         // Neighbours' groups with the number of neighbours in each; the first of the largest wins.
         let mut counts: Vec<(u32, u32)> = vec![];
-        for k in pattern.row(node) {
-            let of = of_roots[pattern.column[k] as usize];
+        for other in around(node) {
+            let of = of_roots[other];
             match counts.iter_mut().find(|(g, _)| *g == of) {
                 _ if of == FREE => {}
                 Some((_, count)) => *count += 1,

@@ -83,6 +83,15 @@ impl<const W: usize, const C: usize> Row<W, C> {
         &mut self.blocks[k]
     }
 
+    pub(super) fn len(&self) -> usize {
+        self.columns.len()
+    }
+
+    /// Columns with their blocks, in the order in which they came.
+    pub(super) fn iter(&self) -> impl Iterator<Item = (u32, &Block<W, C>)> {
+        self.columns.iter().copied().zip(&self.blocks)
+    }
+
     pub(super) fn blocks_mut(&mut self) -> &mut [Block<W, C>] {
         &mut self.blocks
     }

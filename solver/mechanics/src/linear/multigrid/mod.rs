@@ -5,10 +5,15 @@
 //! share of the bulk modulus pointwise, `K` is spectrally within a factor of the inverse of that share, which conjugate
 //! gradients on the whole tangent bridge, and has the narrow stencil that aggregation needs.
 //!
+//! Every level is spread over the ranks like the first; groups of nodes end at the border of a rank. The coarsest is factorised on
+//! each of them.
+//!
 //! Source: Vaněk, Mandel and Brezina 1996, Computing 56:179.
 
 mod aggregates;
 mod blocks;
+mod coarsen;
+mod halo;
 mod level;
 
 use self::blocks::Blocks;
@@ -16,7 +21,7 @@ use self::level::{Coarse, Level};
 use super::{Assembled, Pattern, Preconditioner};
 use crate::parallel::Space;
 
-/// One V-cycle on the stiffness of a tangent, as it was when this was made. One rank.
+/// One V-cycle on the stiffness of a tangent, as it was when this was made.
 #[derive(Debug)]
 pub struct Multigrid {
     fine: Level<4, 3>,
@@ -24,22 +29,18 @@ pub struct Multigrid {
 }
 
 impl Multigrid {
-    /// Builds the levels.
+    /// Builds the levels. Collective.
     ///
-    /// - `points`: where the nodes are now, three numbers each
+    /// - `points`: where the nodes are now, ghosts included, three numbers each
     #[must_use]
-    pub fn new(tangent: &dyn Assembled, points: &[f64]) -> Self {
+    pub fn new(space: Space<'_>, tangent: &dyn Assembled, points: &[f64]) -> Self {
         let pattern = tangent.pattern();
-        let n = pattern.n_rows();
-        let whole = pattern.column.iter().all(|c| (*c as usize) < n);
-        debug_assert!(whole, "one rank holds all");
         let padded = |slot: usize| {
             let block = tangent.stiffness_block(slot);
             std::array::from_fn(|j| [block[0][j], block[1][j], block[2][j], 0.0])
         };
         let blocks = (0..pattern.column.len()).map(padded).collect();
         let matrix = Blocks { pattern: Pattern::clone(pattern), blocks };
-        let places = points.as_chunks::<3>().0[..n].to_vec();
         let rigid = |place: &[f64; 3], centre: &[f64; 3], per_mm: f64| {
             let [x, y, z]: [f32; 3] = std::array::from_fn(|i| ((place[i] - centre[i]) * per_mm) as f32);
             [
@@ -51,11 +52,11 @@ impl Multigrid {
                 [-y, x, 0.0, 0.0],
             ]
         };
-        let (fine, coarse) = Level::new(matrix, places, &rigid);
+        let (fine, coarse) = Level::new(space.comm, space.layout, matrix, points.as_chunks::<3>().0, &rigid);
         Self { fine, coarse }
     }
 
-    /// Rows of the levels, finest first.
+    /// Rows of the levels, finest first: this rank's, of the factorised one all.
     #[must_use]
     pub fn sizes(&self) -> Vec<usize> {
         let mut sizes = vec![3 * self.fine.n()];
@@ -65,16 +66,17 @@ impl Multigrid {
 }
 
 impl Preconditioner for Multigrid {
-    fn apply(&self, _space: Space<'_>, r: &[f64], z: &mut [f64]) {
+    fn apply(&self, space: Space<'_>, r: &[f64], z: &mut [f64]) {
         let n = 3 * self.fine.n();
         // Scaled to one, so that nothing is too small for single precision.
-        let largest = r[..n].iter().fold(0.0_f64, |m, r| m.max(r.abs()));
-        let scale = if largest > 0.0 { 1.0 / largest } else { 1.0 };
+        let mut largest = [r[..n].iter().fold(0.0_f64, |m, r| m.max(r.abs()))];
+        space.comm.max(&mut largest);
+        let scale = if largest[0] > 0.0 { 1.0 / largest[0] } else { 1.0 };
         let single = |r: f64| (scale * r) as f32;
         let right: Vec<[f32; 4]> =
             r[..n].as_chunks::<3>().0.iter().map(|r| [single(r[0]), single(r[1]), single(r[2]), 0.0]).collect();
-        let solution = self.fine.cycle(&right, &self.coarse);
-        for (z, s) in z.as_chunks_mut::<3>().0.iter_mut().zip(&solution) {
+        let solution = self.fine.cycle(space.comm, &right, &self.coarse);
+        for (z, s) in z[..n].as_chunks_mut::<3>().0.iter_mut().zip(&solution) {
             *z = [s[0], s[1], s[2]].map(|s| f64::from(s) / scale);
         }
     }

@@ -1,0 +1,174 @@
+//! From a level to the next coarser one: the smoothed prolongation, and the matrix between its columns.
+//!
+//! Columns are numbers of groups over all ranks. Each rank makes the rows of its own nodes; of others it needs the prolongation of
+//! its ghosts, and what nodes of neighbours add to its groups.
+
+use super::blocks::{Block, Blocks, Row, add_times, add_transposed_times};
+use super::halo::{Halo, owner_of};
+use crate::parallel::Communicator;
+
+/// `(I − ω D⁻¹ A) T`, with `T` the groups' rigid motions: rows of own nodes.
+///
+/// - `group`, `tentative`: of all nodes held
+pub(super) fn smoothed<const W: usize, const B: usize>(
+    matrix: &Blocks<W, B>,
+    inverses: &[Block<W, B>],
+    omega: f32,
+    group: &[u32],
+    tentative: &[Block<W, 6>],
+) -> Blocks<W, 6> {
+    let mut out = Blocks::empty();
+    let mut row = Row::<W, 6>::new();
+    for k in 0..inverses.len() {
+        row.clear();
+        for slot in matrix.pattern.row(k) {
+            let other = matrix.pattern.column[slot] as usize;
+            add_times(&matrix.blocks[slot], &tentative[other], row.at(group[other]));
+        }
+        for block in row.blocks_mut() {
+            let mut scaled = [[0.0; W]; 6];
+            add_times(&inverses[k], block, &mut scaled);
+            *block = scaled.map(|column| column.map(|x| -omega * x));
+        }
+        let own = row.at(group[k]);
+        for j in 0..6 {
+            for i in 0..W {
+                own[j][i] += tentative[k][j][i];
+            }
+        }
+        row.append_to(&mut out);
+    }
+    out
+}
+
+/// A block's column and numbers, as they travel.
+fn pack<const W: usize>(column: u32, block: &Block<W, 6>, to: &mut Vec<f64>) {
+    to.push(f64::from(column));
+    to.extend(block.as_flattened().iter().map(|x| f64::from(*x)));
+}
+
+/// The block at the beginning of what travelled, and what follows it.
+fn unpack<const W: usize>(from: &[f64]) -> (u32, Block<W, 6>, &[f64]) {
+    let (own, rest) = from.split_at(1 + 6 * W);
+    let mut block = [[0.0; W]; 6];
+    block.as_flattened_mut().iter_mut().zip(&own[1..]).for_each(|(to, from)| *to = *from as f32);
+    (own[0] as u32, block, rest)
+}
+
+/// Rows of own nodes, and those of ghosts below them. Collective.
+fn with_ghosts<const W: usize>(comm: &dyn Communicator, halo: &Halo, p: &Blocks<W, 6>) -> Blocks<W, 6> {
+    let lists: Vec<Vec<f64>> = halo
+        .sent()
+        .map(|nodes| {
+            let mut list = vec![];
+            for node in nodes {
+                let row = p.pattern.row(*node as usize);
+                list.push(row.len() as f64);
+                row.for_each(|k| pack(p.pattern.column[k], &p.blocks[k], &mut list));
+            }
+            list
+        })
+        .collect();
+    let mut out = p.clone();
+    // Ghosts follow the own nodes in the order of their owners.
+    for list in halo.exchange(comm, &lists) {
+        let mut rest = &list[..];
+        while let Some((n, blocks)) = rest.split_first() {
+            rest = blocks;
+            for _ in 0..*n as usize {
+                let (column, block, others) = unpack(rest);
+                out.pattern.column.push(column);
+                out.blocks.push(block);
+                rest = others;
+            }
+            out.pattern.row_start.push(out.pattern.column.len() as u32);
+        }
+    }
+    out
+}
+
+/// `Pᵀ A P`: rows of own groups. Collective.
+///
+/// - `first`: first group of each rank
+pub(super) fn galerkin<const W: usize, const B: usize>(
+    comm: &dyn Communicator,
+    halo: &Halo,
+    matrix: &Blocks<W, B>,
+    p: &Blocks<W, 6>,
+    first: &[u32],
+) -> Blocks<8, 6> {
+    let n = p.pattern.n_rows();
+    // Groups that own rows of P reach, and which rows reach each.
+    let mut reached = p.pattern.column.clone();
+    reached.sort_unstable();
+    reached.dedup();
+    let place = |c: u32| reached.partition_point(|r| *r < c);
+    let mut start = vec![0_u32; reached.len() + 1];
+    for c in &p.pattern.column {
+        start[place(*c) + 1] += 1;
+    }
+    for k in 0..reached.len() {
+        start[k + 1] += start[k];
+    }
+    let mut next = start.clone();
+    let mut reaching = vec![(0_u32, 0_u32); p.pattern.column.len()];
+    for row in 0..n {
+        for slot in p.pattern.row(row) {
+            let at = &mut next[place(p.pattern.column[slot])];
+            reaching[*at as usize] = (row as u32, slot as u32);
+            *at += 1;
+        }
+    }
+    let product = product(matrix, &with_ghosts(comm, halo, p));
+    let (begin, end) = (first[comm.rank()], first[comm.rank() + 1]);
+    let mut own: Vec<Row<8, 6>> = (begin..end).map(|_| Row::new()).collect();
+    let mut lists: Vec<Vec<f64>> = vec![vec![]; halo.neighbours().len()];
+    for (c, reach) in reached.iter().zip(start.windows(2)) {
+        let mut other = Row::<8, 6>::new();
+        let is_own = (begin..end).contains(c);
+        let row = if is_own { &mut own[(c - begin) as usize] } else { &mut other };
+        for (k, slot) in &reaching[reach[0] as usize..reach[1] as usize] {
+            for q in product.pattern.row(*k as usize) {
+                add_transposed_times(&p.blocks[*slot as usize], &product.blocks[q], row.at(product.pattern.column[q]));
+            }
+        }
+        if !is_own {
+            let owner = owner_of(first, *c);
+            let to = halo.neighbours().binary_search(&owner).expect("own nodes reach groups of neighbours alone");
+            lists[to].extend([f64::from(*c), other.len() as f64]);
+            other.iter().for_each(|(column, block)| pack(column, block, &mut lists[to]));
+        }
+    }
+    for list in halo.exchange(comm, &lists) {
+        let mut rest = &list[..];
+        while let [c, n, blocks @ ..] = rest {
+            let row = &mut own[(*c as u32 - begin) as usize];
+            rest = blocks;
+            for _ in 0..*n as usize {
+                let (column, block, others) = unpack::<8>(rest);
+                let to = row.at(column).as_flattened_mut();
+                to.iter_mut().zip(block.as_flattened()).for_each(|(to, x)| *to += x);
+                rest = others;
+            }
+        }
+    }
+    let mut out = Blocks::empty();
+    own.iter().for_each(|row| row.append_to(&mut out));
+    out
+}
+
+/// `A P`, rows of own nodes.
+fn product<const W: usize, const B: usize>(matrix: &Blocks<W, B>, p: &Blocks<W, 6>) -> Blocks<W, 6> {
+    let mut out = Blocks::empty();
+    let mut row = Row::<W, 6>::new();
+    for k in 0..matrix.pattern.n_rows() {
+        row.clear();
+        for slot in matrix.pattern.row(k) {
+            for q in p.pattern.row(matrix.pattern.column[slot] as usize) {
+                add_times(&matrix.blocks[slot], &p.blocks[q], row.at(p.pattern.column[q]));
+            }
+        }
+        row.append_to(&mut out);
+    }
+    out
+}

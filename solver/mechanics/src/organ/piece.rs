@@ -1,0 +1,171 @@
+//! What a rank holds of an anatomy in step 0.
+
+use std::borrow::Cow;
+use std::sync::Arc;
+
+use super::anatomy::{Anatomy, Tets, Triangles};
+use crate::element::kernel::VolumeChange;
+use crate::parallel::{Communicator, Opened, Parcel, Part, PartitionError, SingleProcess, owners};
+
+/// A rank's part of an anatomy, and what joins it to the others.
+#[derive(Debug, Clone)]
+pub struct Piece<'a> {
+    /// Nodes, elements and surfaces in the rank's own numbers, see [`Anatomy::part`].
+    pub anatomy: Cow<'a, Anatomy>,
+    /// What these are in the whole mesh.
+    pub part: Part,
+    /// The ranks.
+    pub comm: Arc<dyn Communicator>,
+}
+
+impl<'a> Piece<'a> {
+    /// All of an anatomy, on one rank.
+    #[must_use]
+    pub fn whole(anatomy: &'a Anatomy) -> Self {
+        let part = Part::whole(anatomy.nodes.len(), anatomy.corners.len());
+        Self { anatomy: Cow::Borrowed(anatomy), part, comm: Arc::new(SingleProcess) }
+    }
+
+    /// A part of it.
+    #[must_use]
+    pub fn of(anatomy: &'a Anatomy, part: Part, comm: Arc<dyn Communicator>) -> Self {
+        Self { anatomy: anatomy.part(&part), part, comm }
+    }
+
+    /// Rank 0's, which sends the other ranks their `parts` ([`Self::received`]): none of them ever holds the mesh. Collective.
+    #[must_use]
+    pub fn sent(anatomy: &'a Anatomy, parts: Vec<Part>, comm: Arc<dyn Communicator>) -> Self {
+        let parcel = |part: &Part| {
+            let mut parcel = Parcel::default();
+            part.pack(&mut parcel);
+            pack(&anatomy.part(part), &mut parcel);
+            parcel.numbers
+        };
+        comm.scatter(parts.iter().enumerate().map(|(k, part)| if k == 0 { vec![] } else { parcel(part) }).collect());
+        let Some(own) = parts.into_iter().next() else { unreachable!("there is a rank 0") };
+        Self::of(anatomy, own, comm)
+    }
+
+    /// Any other rank's, from rank 0. Collective.
+    #[must_use]
+    pub fn received(comm: Arc<dyn Communicator>) -> Piece<'static> {
+        let numbers = comm.scatter(vec![]);
+        let mut from = Opened::of(&numbers);
+        let part = Part::unpack(&mut from);
+        Piece { anatomy: Cow::Owned(unpack(&mut from)), part, comm }
+    }
+
+    /// Values of the whole mesh from those of each rank's nodes, `width` a node, on rank 0; `None` elsewhere. Collective.
+    #[must_use]
+    pub fn gathered(&self, width: usize, values: &[f64]) -> Option<Vec<f64>> {
+        let owned: Vec<f64> = self.part.owned_nodes().iter().map(|node| f64::from(*node)).collect();
+        let (numbers, of_ranks) = (self.comm.gather(&owned), self.comm.gather(&values[..width * owned.len()]));
+        let (numbers, of_ranks) = (numbers?, of_ranks?);
+        let mut all = vec![0.0; of_ranks.iter().map(Vec::len).sum()];
+        for (node, values) in numbers.iter().zip(&of_ranks).flat_map(|(n, v)| n.iter().zip(v.chunks_exact(width))) {
+            all[*node as usize * width..][..width].copy_from_slice(values);
+        }
+        Some(all)
+    }
+}
+
+/// The part of each of several ranks of a mesh of linear elements.
+///
+/// # Errors
+/// [`PartitionError`] where it cannot be cut.
+pub fn parts_of(anatomy: &Anatomy, n_ranks: usize) -> Result<Vec<Part>, PartitionError> {
+    if n_ranks <= 1 {
+        return Ok(vec![Part::whole(anatomy.nodes.len(), anatomy.corners.len())]);
+    }
+    let owners = owners(anatomy.n_vertices, &anatomy.corners, n_ranks)?;
+    Ok((0..n_ranks).map(|rank| Part::of(rank, &owners, &anatomy.corners)).collect())
+}
+
+/// Writes a part of an anatomy of linear elements.
+///
+/// # Panics
+/// For quadratic elements, which have no parts.
+pub(super) fn pack(anatomy: &Anatomy, to: &mut Parcel) {
+    let triangles = |surface: &Triangles| match surface {
+        Triangles::Linear(triangles) => triangles.clone(),
+        Triangles::Quadratic(_) => unreachable!("quadratic elements stay on one rank"),
+    };
+    to.numbers(anatomy.nodes.as_flattened()).indices(anatomy.corners.as_flattened());
+    to.numbers(&match anatomy.volume {
+        VolumeChange::Pointwise => vec![],
+        VolumeChange::Nodal { pointwise_share } => vec![pointwise_share],
+    });
+    to.flags(&anatomy.contracts).numbers(anatomy.frames.as_flattened().as_flattened());
+    for surface in [&anatomy.endocardium, &anatomy.epicardium, &anatomy.rim].into_iter().chain(&anatomy.septum) {
+        to.indices(triangles(surface).as_flattened());
+    }
+    if anatomy.septum.is_none() {
+        to.indices(&[]);
+    }
+    to.flags(&[anatomy.septum.is_some()]).indices(&[anatomy.openings.len() as u32]);
+    anatomy.openings.iter().for_each(|nodes| _ = to.indices(nodes));
+}
+
+/// Reads what [`pack`] wrote.
+pub(super) fn unpack(from: &mut Opened<'_>) -> Anatomy {
+    let nodes = from.numbers().as_chunks().0.to_vec();
+    let tets: Vec<[u32; 4]> = from.indices().as_chunks().0.to_vec();
+    let volume = match from.numbers() {
+        [pointwise_share] => VolumeChange::Nodal { pointwise_share: *pointwise_share },
+        _ => VolumeChange::Pointwise,
+    };
+    let (contracts, frames) = (from.flags(), from.numbers().as_chunks::<3>().0.as_chunks::<3>().0.to_vec());
+    let mut triangles = || Triangles::Linear(from.indices().as_chunks().0.to_vec());
+    let (endocardium, epicardium, rim, septum) = (triangles(), triangles(), triangles(), triangles());
+    let septum = from.flags()[0].then_some(septum);
+    let openings = (0..from.indices()[0]).map(|_| from.indices()).collect();
+    Anatomy {
+        n_vertices: nodes.len(),
+        nodes,
+        tets: Tets::Linear(tets.clone()),
+        corners: tets,
+        volume,
+        contracts,
+        frames,
+        endocardium,
+        epicardium,
+        septum,
+        rim,
+        openings,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use cardiotwin_mesh::ellipsoid::{EllipsoidSpec, generate};
+    use cardiotwin_mesh::fibres::{Angles, Longitudinal, fields, frames};
+    use cardiotwin_mesh::tags;
+    use cardiotwin_units::Ml;
+
+    use super::super::anatomy::ElementKind;
+    use super::*;
+    use crate::parallel::{ThreadSettings, on_threads};
+
+    #[test]
+    fn a_piece_arrives_as_it_was_cut_and_pieces_make_up_the_whole() {
+        let mut mesh = generate(&EllipsoidSpec::new(Ml(112.0), Ml(140.0), 600)).expect("a mesh").mesh;
+        let found = fields(&mesh, &[tags::LEFT_VENTRICLE], Longitudinal::FromBase).expect("fields");
+        mesh.frames = frames(&mesh, &[tags::LEFT_VENTRICLE], &found, &Angles::default());
+        for kind in [ElementKind::LINEAR_NODAL, ElementKind::LINEAR_POINTWISE] {
+            let anatomy = Anatomy::of(&mesh, &[tags::LEFT_VENTRICLE], kind).expect("an anatomy");
+            let parts = parts_of(&anatomy, 3).expect("a cut");
+            let whole = on_threads(3, ThreadSettings::default(), |comm| {
+                let (rank, comm): (usize, Arc<dyn Communicator>) = (comm.rank(), Arc::new(comm));
+                let piece = match rank {
+                    0 => Piece::sent(&anatomy, parts.clone(), comm),
+                    _ => Piece::received(comm),
+                };
+                assert_eq!(piece.part, parts[rank]);
+                assert_eq!(*piece.anatomy, *anatomy.part(&parts[rank]));
+                piece.gathered(3, piece.anatomy.nodes.as_flattened())
+            })
+            .expect("no rank fails");
+            assert_eq!(whole, [Some(anatomy.nodes.as_flattened().to_vec()), None, None]);
+        }
+    }
+}

@@ -1,0 +1,55 @@
+//! What a rank is given of the heart for a beat, by rank 0.
+
+use std::borrow::Cow;
+
+use super::anatomy::Anatomy;
+use super::end_diastole::EndDiastole;
+use super::piece::{pack, unpack};
+use crate::parallel::{Opened, Parcel, Part};
+
+/// A part of the heart in the rank's own numbers.
+#[derive(Debug)]
+pub(super) struct Share<'a> {
+    pub part: Part,
+    pub anatomy: Cow<'a, Anatomy>,
+    pub end_diastole: EndDiastole,
+    pub activation_ms: Vec<f64>,
+}
+
+impl<'a> Share<'a> {
+    pub fn of(part: Part, anatomy: &'a Anatomy, end_diastole: &EndDiastole, activation_ms: &[f64]) -> Self {
+        let whole = part.layout.neighbours.is_empty();
+        let (anatomy, end_diastole) = (anatomy.part(&part), end_diastole.part(&part));
+        let activation_ms = if whole { activation_ms.to_vec() } else { part.take(1, activation_ms) };
+        Self { part, anatomy, end_diastole, activation_ms }
+    }
+
+    pub fn into_owned(self) -> Share<'static> {
+        Share { anatomy: Cow::Owned(self.anatomy.into_owned()), ..self }
+    }
+
+    /// As a message.
+    pub fn parcel(&self) -> Vec<f64> {
+        let mut to = Parcel::default();
+        self.part.pack(&mut to);
+        pack(&self.anatomy, &mut to);
+        let EndDiastole { unloaded, anchor, u, pressure_kpa } = &self.end_diastole;
+        to.numbers(unloaded.as_flattened()).numbers(anchor).numbers(u).numbers(&[*pressure_kpa]);
+        to.numbers(&self.activation_ms);
+        to.numbers
+    }
+
+    /// From a message.
+    pub fn opened(numbers: &[f64]) -> Share<'static> {
+        let mut from = Opened::of(numbers);
+        let part = Part::unpack(&mut from);
+        let anatomy = Cow::Owned(unpack(&mut from));
+        let end_diastole = EndDiastole {
+            unloaded: from.numbers().as_chunks().0.to_vec(),
+            anchor: from.numbers().to_vec(),
+            u: from.numbers().to_vec(),
+            pressure_kpa: from.numbers()[0],
+        };
+        Share { part, anatomy, end_diastole, activation_ms: from.numbers().to_vec() }
+    }
+}

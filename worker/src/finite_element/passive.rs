@@ -1,0 +1,116 @@
+//! Step 0's search on one rank, on threads, or on the ranks of a team.
+
+use cardiotwin_mechanics::organ::{
+    Anatomy, FoundState, PassiveFit, PassiveJob, PassiveStateError, Piece, Search, UnloadingSettings, parts_of,
+};
+use cardiotwin_mechanics::parallel::ThreadSettings;
+use cardiotwin_schemas::finite_element::WallSettings;
+use serde::{Deserialize, Serialize};
+
+use super::wall;
+use crate::team::{Call, Team};
+
+/// A search as rank 0 tells the others of it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct PassiveOrder {
+    wall: WallSettings,
+    /// Which fit, and its numbers in the order of its fields.
+    fit: (Fit, Vec<f64>),
+    slope: Option<[[f64; 2]; 2]>,
+    steepened_by: Option<f64>,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+enum Fit {
+    ImageUnloaded,
+    Given,
+    ThreePoints,
+    Unloaded,
+}
+
+impl PassiveOrder {
+    /// Of a job whose wall these settings make, but for its law.
+    fn of(job: &PassiveJob, settings: &WallSettings) -> Self {
+        let fit = match job.target {
+            PassiveFit::ImageUnloaded { end_diastolic_pressure_kpa } => {
+                (Fit::ImageUnloaded, vec![end_diastolic_pressure_kpa])
+            }
+            PassiveFit::Given { image_pressure_kpa, end_diastolic_pressure_kpa } => {
+                (Fit::Given, vec![image_pressure_kpa, end_diastolic_pressure_kpa])
+            }
+            PassiveFit::ThreePoints {
+                image_pressure_kpa,
+                end_diastolic_pressure_kpa,
+                end_diastolic_volume_mm3,
+                unloaded_volume_mm3,
+            } => {
+                let pressures = [image_pressure_kpa, end_diastolic_pressure_kpa];
+                (Fit::ThreePoints, [pressures, [end_diastolic_volume_mm3, unloaded_volume_mm3]].concat())
+            }
+            PassiveFit::Unloaded { end_diastolic_pressure_kpa, unloaded_volume_mm3 } => {
+                (Fit::Unloaded, vec![end_diastolic_pressure_kpa, unloaded_volume_mm3])
+            }
+        };
+        let law = &job.wall.muscle;
+        let wall = WallSettings { guccione_c_kpa: law.c_kpa, b_f: law.b_f, b_t: law.b_t, b_fs: law.b_fs, ..*settings };
+        Self { wall, fit, slope: job.slope, steepened_by: job.steepened_by }
+    }
+
+    fn job(&self) -> PassiveJob {
+        let of = |k: usize| self.fit.1.get(k).copied().unwrap_or(f64::NAN);
+        let target = match self.fit.0 {
+            Fit::ImageUnloaded => PassiveFit::ImageUnloaded { end_diastolic_pressure_kpa: of(0) },
+            Fit::Given => PassiveFit::Given { image_pressure_kpa: of(0), end_diastolic_pressure_kpa: of(1) },
+            Fit::ThreePoints => PassiveFit::ThreePoints {
+                image_pressure_kpa: of(0),
+                end_diastolic_pressure_kpa: of(1),
+                end_diastolic_volume_mm3: of(2),
+                unloaded_volume_mm3: of(3),
+            },
+            Fit::Unloaded => PassiveFit::Unloaded { end_diastolic_pressure_kpa: of(0), unloaded_volume_mm3: of(1) },
+        };
+        // The law's exponents are the settings' own.
+        let wall = wall::parameters(&self.wall, 1.0, 0.0);
+        PassiveJob { wall, target, slope: self.slope, steepened_by: self.steepened_by }
+    }
+}
+
+/// Who does a search.
+#[derive(Debug, Clone, Copy)]
+pub enum Workers<'a> {
+    /// So many threads.
+    Threads(usize),
+    /// Ranks of other processes.
+    Team(&'a Team),
+}
+
+/// Does a search on all workers where its solver has ranks, on one otherwise.
+///
+/// - `settings`: what the job's wall was made of, but for its law
+///
+/// # Errors
+/// [`PassiveStateError`].
+pub fn found(
+    job: &PassiveJob,
+    settings: &WallSettings,
+    anatomy: &Anatomy,
+    workers: Workers<'_>,
+    search: &mut Search<'_>,
+) -> Result<FoundState, PassiveStateError> {
+    match workers {
+        Workers::Team(team) if team.n_ranks() > 1 && search.settings.are_for_ranks(anatomy) => {
+            let parts = parts_of(anatomy, team.n_ranks())?;
+            let _session = team.begin(&Call::PassiveState(Box::new(PassiveOrder::of(job, settings))));
+            let piece = Piece::sent(anatomy, parts, team.shared_comm());
+            job.run(&piece, search)
+        }
+        Workers::Team(_) => job.run(&Piece::whole(anatomy), search),
+        Workers::Threads(n) => job.on_threads(anatomy, search, n, ThreadSettings::default()),
+    }
+}
+
+/// Does another rank's part of what [`found`] does on rank 0, which says what went wrong.
+pub(crate) fn serve(order: &PassiveOrder, team: &Team) {
+    let piece = Piece::received(team.shared_comm());
+    let _ = order.job().run(&piece, &mut Search::new(UnloadingSettings::on_ranks()));
+}
