@@ -406,9 +406,13 @@ pub struct ExecutorSettings {
     pub kind: ExecutorKind,
     /// Workers at once; 0 is one for each core.
     pub workers: u32,
-    /// Threads of each worker; 0: on this machine all cores for a beat of the 3D ventricle on 8,000 nodes or more, beside which
-    /// nothing else runs, and one for anything else.
+    /// Threads of each worker; 0: on this machine all cores for step 0 and a beat of the 3D ventricle on 8,000 nodes or more, beside
+    /// which nothing else runs, and one for anything else.
     pub threads: u32,
+    /// Launcher of MPI with its arguments, `["mpirun"]` for one: on this machine a 3D simulation with several threads then runs on
+    /// as many ranks of `cardiotwin-worker-mpi` instead, `LAUNCHER -n THREADS cardiotwin-worker-mpi run …`.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub launcher: Vec<String>,
     /// Instructions of the cell engine; recorded in every outcome.
     pub instruction_set: InstructionSet,
     /// How often a task that failed for the site's sake (killed, disk full) is tried again by itself.
@@ -482,6 +486,7 @@ impl Default for ExecutorSettings {
             kind: ExecutorKind::Local,
             workers: 0,
             threads: 0,
+            launcher: vec![],
             instruction_set: InstructionSet::Auto,
             site_retries: 2,
             vtu_every_ms: 0.0,

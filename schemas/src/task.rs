@@ -68,6 +68,16 @@ impl TaskSpec {
         }
     }
 
+    /// Whether it is a simulation of the 3D ventricle, which ranks can share: step 0 or a beat.
+    #[must_use]
+    pub fn is_in_3d(&self) -> bool {
+        match self {
+            Self::PassiveState(spec) => spec.finite_element.is_some(),
+            Self::OrganBeat(spec) => matches!(spec.organ, OrganSpec::FiniteElement(_)),
+            _ => false,
+        }
+    }
+
     /// Raised by hand when the results of a kind change; part of the key.
     #[must_use]
     pub fn model_version(&self) -> u32 {

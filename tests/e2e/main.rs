@@ -6,6 +6,7 @@ mod damage;
 mod discover;
 mod finite_element;
 mod fits;
+mod launcher;
 mod output;
 mod requests;
 mod robustness;

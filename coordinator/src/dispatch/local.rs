@@ -3,6 +3,9 @@
 //! Each worker leads its own process group, so that Ctrl-C on the terminal reaches the coordinator alone. A worker that
 //! outlives its coordinator is found by its claim and watched as if it were ours. Two workers in one directory are
 //! harmless: the claim is created exclusively, and the second one ends with exit code 3.
+//!
+//! A 3D simulation may run on MPI ranks instead, under a launcher: the claim is then that of rank 0, which is asked to leave in
+//! the launcher's place. It ends the other ranks.
 
 use std::collections::HashMap;
 use std::fs::{self, File};
@@ -34,11 +37,21 @@ const EXIT_CLAIMED: i32 = 3;
 #[derive(Debug)]
 pub struct Local {
     worker: PathBuf,
+    launcher: Option<Launcher>,
     at_once: usize,
     grace: Duration,
     running: HashMap<AttemptId, Running>,
     exits: mpsc::UnboundedReceiver<Exit>,
     tell: mpsc::UnboundedSender<Exit>,
+}
+
+/// How 3D simulations become MPI ranks.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Launcher {
+    /// The launcher with its arguments; `-n RANKS` is added.
+    pub command: Vec<String>,
+    /// The executable of each rank.
+    pub worker: PathBuf,
 }
 
 #[derive(Debug)]
@@ -62,7 +75,24 @@ impl Local {
     #[must_use]
     pub fn new(worker: PathBuf, at_once: usize) -> Self {
         let (tell, exits) = mpsc::unbounded_channel();
-        Self { worker, at_once, grace: GRACE, running: HashMap::new(), exits, tell }
+        Self { worker, launcher: None, at_once, grace: GRACE, running: HashMap::new(), exits, tell }
+    }
+
+    /// Runs 3D simulations with several threads on as many ranks.
+    #[must_use]
+    pub fn with_launcher(self, launcher: Option<Launcher>) -> Self {
+        Self { launcher, ..self }
+    }
+
+    /// What runs an attempt, on ranks where it has several and there is a launcher; and the program's name for errors.
+    fn program(&self, n_ranks: u32) -> (Command, PathBuf) {
+        let launcher = self.launcher.as_ref().filter(|_| n_ranks > 1);
+        let Some((Launcher { worker, .. }, [program, arguments @ ..])) = launcher.map(|l| (l, &l.command[..])) else {
+            return (Command::new(&self.worker), self.worker.clone());
+        };
+        let mut command = Command::new(program);
+        command.args(arguments).args(["-n", &n_ranks.to_string()]).arg(worker);
+        (command, program.into())
     }
 
     /// Gives workers that are asked to leave so long before they are forced.
@@ -82,7 +112,9 @@ impl Local {
         fs::rename(&draft, &path).map_err(file("write", path))?;
         let path = directory.join(evidence::LOG);
         let log = File::options().create(true).append(true).open(&path).map_err(file("open", path))?;
-        let mut child = Command::new(&self.worker)
+        let n_ranks = if order.spec.task.is_in_3d() { order.spec.threads } else { 1 };
+        let (mut command, worker) = self.program(n_ranks);
+        let mut child = command
             .arg("run")
             .arg(directory)
             .stdin(Stdio::null())
@@ -90,7 +122,7 @@ impl Local {
             .stderr(log)
             .process_group(0)
             .spawn()
-            .map_err(|source| DispatchError::Spawn { worker: self.worker.clone(), source })?;
+            .map_err(|source| DispatchError::Spawn { worker, source })?;
         let pid = child.id().unwrap_or_default();
         let (tell, attempt) = (self.tell.clone(), order.spec.attempt.clone());
         tokio::spawn(async move {
@@ -178,7 +210,7 @@ impl Local {
             if running.orphan.as_ref().is_some_and(|claim| !process::lives(claim)) {
                 over.push((attempt.clone(), running.directory.clone()));
             } else if running.stopped.is_some_and(|at| at.elapsed() > self.grace) {
-                process::signal_group(running.pid, running.start, true);
+                running.press(true);
             }
         }
         let mut news = Vec::new();
@@ -193,6 +225,22 @@ impl Local {
 
     fn needs_patrol(&self) -> bool {
         self.running.values().any(|r| r.orphan.is_some() || r.stopped.is_some())
+    }
+}
+
+impl Running {
+    /// Asks to leave, or forces it.
+    fn press(&self, by_force: bool) {
+        let rank_0 = match evidence::claim(&self.directory) {
+            Ok(ClaimFile::By(claim)) if claim.pid != self.pid && claim.host == process::host() => Some(claim),
+            _ => None,
+        };
+        match rank_0.filter(process::lives) {
+            // A launcher that is asked ends its ranks after a moment, before there is a checkpoint; one that loses a rank ends the
+            // others.
+            Some(claim) => process::signal_group(claim.pid, claim.pid_start_ticks, by_force),
+            None => process::signal_group(self.pid, self.start, by_force),
+        }
     }
 }
 
@@ -264,7 +312,7 @@ impl Executor for Local {
         evidence::fence(directory)?;
         if let Some(running) = self.running.get_mut(attempt) {
             running.stopped.get_or_insert_with(Instant::now);
-            process::signal_group(running.pid, running.start, now);
+            running.press(now);
             return Ok(true);
         }
         Ok(false)
@@ -298,5 +346,28 @@ impl Executor for Local {
                 return news;
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn several_ranks_go_to_the_launcher_where_there_is_one() {
+        let command = ["mpirun", "--bind-to", "none"].map(str::to_owned).to_vec();
+        let launcher = Launcher { command, worker: "/bin/ranks".into() };
+        let called = |launcher: Option<&Launcher>, n_ranks| {
+            let local = Local::new("/bin/worker".into(), 1).with_launcher(launcher.cloned());
+            let (command, named) = local.program(n_ranks);
+            let command = command.as_std();
+            let words = std::iter::once(command.get_program()).chain(command.get_args());
+            let line: Vec<String> = words.map(|word| word.to_string_lossy().into_owned()).collect();
+            (line.join(" "), named.display().to_string())
+        };
+        let worker = ("/bin/worker".to_owned(), "/bin/worker".to_owned());
+        assert_eq!((called(None, 4), called(Some(&launcher), 1)), (worker.clone(), worker));
+        let ranks = "mpirun --bind-to none -n 4 /bin/ranks".to_owned();
+        assert_eq!(called(Some(&launcher), 4), (ranks, "mpirun".to_owned()));
     }
 }

@@ -54,15 +54,22 @@ pub fn lives_here(claim: &Claim) -> Option<bool> {
     (claim.host == host() && !boot_id().is_empty()).then(|| lives(claim))
 }
 
-/// Signals a worker and all that it started: each worker leads a process group of its own.
+/// Signals a worker and all of its process group: each worker leads one, or, as an MPI rank, may be in its launcher's.
 pub fn signal_group(pid: u32, start: u64, by_force: bool) {
     if start_ticks(pid) != Some(start) {
         return; // gone, or its number was given to another
     }
-    if let Some(pid) = i32::try_from(pid).ok().and_then(Pid::from_raw) {
-        // A process that ends in between is what was wanted.
-        let _ = rustix::process::kill_process_group(pid, if by_force { Signal::KILL } else { Signal::TERM });
-    }
+    let signal = if by_force { Signal::KILL } else { Signal::TERM };
+    let Some(pid) = i32::try_from(pid).ok().and_then(Pid::from_raw) else { return };
+    // A process that ends in between is what was wanted.
+    let _ = match rustix::process::getpgid(Some(pid)) {
+        Ok(group) if group == pid => rustix::process::kill_process_group(pid, signal),
+        // Kindly, it alone: it ends what belongs to it. Never our own group.
+        Ok(group) if by_force && group != rustix::process::getpgrp() => {
+            rustix::process::kill_process_group(group, signal)
+        }
+        _ => rustix::process::kill_process(pid, signal),
+    };
 }
 
 #[cfg(test)]

@@ -1,13 +1,13 @@
 //! How many threads a task gets, and how many tasks run beside it.
 
-use cardiotwin_schemas::finite_element::{FiniteElementSettings, LinearSolver};
+use cardiotwin_schemas::finite_element::{ElementKind, FiniteElementSettings, LinearSolver};
 use cardiotwin_schemas::organ::OrganSpec;
 use cardiotwin_schemas::settings::{ExecutorKind, ExecutorSettings, Fidelity, SolverSettings};
 use cardiotwin_schemas::task::TaskSpec;
 
 use super::entries::TaskEntry;
 
-/// From so many nodes on a beat in 3D is shared among all cores: below, threads wait for each other more than they save, and
+/// From so many nodes on step 0 and a beat in 3D are shared among all cores: below, threads wait for each other more than they save, and
 /// other patients make better use of the cores.
 const LARGE_MESH_NODES: u64 = 8000;
 
@@ -42,7 +42,7 @@ pub fn threads_in_job(settings: &ExecutorSettings, solver: &SolverSettings, core
     }
 }
 
-/// Threads of a task: as asked, or all cores for a beat on a large mesh and one for anything else.
+/// Threads of a task: as asked, or all cores for step 0 and a beat on a large mesh and one for anything else.
 #[must_use]
 pub fn threads(settings: &ExecutorSettings, task: &TaskSpec) -> u32 {
     match settings.threads {
@@ -58,14 +58,23 @@ pub(super) fn takes_all(settings: &ExecutorSettings, task: &TaskEntry) -> bool {
     settings.threads == 0
         && settings.kind == ExecutorKind::Local
         && cores() > 1
-        && task.kind == "organ-beat"
+        && ["organ-beat", "passive-state"].contains(&&*task.kind)
         // One that cannot be read fails when it is begun, and says so there.
         && serde_json::from_str(&task.spec).is_ok_and(|spec| is_large(&spec))
 }
 
-/// A beat on a large mesh, of elements and with a solver that several threads share.
+/// Step 0 or a beat on a large mesh, of elements and with a solver that several threads share.
 fn is_large(task: &TaskSpec) -> bool {
-    let TaskSpec::OrganBeat(beat) = task else { return false };
+    let beat = match task {
+        TaskSpec::OrganBeat(beat) => beat,
+        TaskSpec::PassiveState(spec) => {
+            return spec.finite_element.as_ref().is_some_and(|anatomy| {
+                let nodes = u64::from(anatomy.mesh_nodes);
+                nodes >= LARGE_MESH_NODES && spec.own_mesh.is_none() && anatomy.element == ElementKind::LinearNodal
+            });
+        }
+        _ => return false,
+    };
     let OrganSpec::FiniteElement(organ) = &beat.organ else { return false };
     let equations = beat.finite_element.unwrap_or_else(|| FiniteElementSettings::default().equations());
     let figures = &organ.figures;

@@ -32,6 +32,25 @@ pub enum EngineError {
         /// Where it was looked for.
         path: PathBuf,
     },
+    /// The launcher of MPI ranks is not there.
+    #[error(
+        "executor.launcher: no program {program:?} in PATH, expected the launcher of an MPI, such as mpirun: install one \
+         (docs/mpi.md), or leave executor.launcher away: 3D simulations then run on threads"
+    )]
+    NoLauncher {
+        /// As it was set.
+        program: String,
+    },
+    /// The worker for MPI ranks is not where it should be.
+    #[error(
+        "no worker for executor.launcher at {path}: build it with the launcher's MPI \
+         (`cargo build --release --package cardiotwin-worker --features mpi --bin cardiotwin-worker-mpi`, docs/mpi.md), or leave \
+         executor.launcher away: 3D simulations then run on threads"
+    )]
+    NoMpiWorker {
+        /// Where it was looked for.
+        path: PathBuf,
+    },
     /// A defect of ours.
     #[error("a decision led nowhere")]
     Transition(#[from] IllegalTransition),

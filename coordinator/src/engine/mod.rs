@@ -15,7 +15,7 @@ pub use crate::machine::patient::Stage;
 
 use crate::clock;
 use crate::dispatch::slurm::{Installed, Scheduler};
-use crate::dispatch::{self, Executor, InProcess, Local};
+use crate::dispatch::{self, Executor, InProcess, Launcher, Local};
 use crate::store::Writer;
 use crate::store::lease::Lease;
 use crate::store::lock::RunLock;
@@ -131,7 +131,8 @@ pub async fn run(options: RunOptions, events: EventSender, stop: StopSignal) -> 
     let summary = match options.executor.kind {
         ExecutorKind::Local => {
             let worker = find_worker(options.worker.as_deref())?;
-            drive(options, &run_dir, Local::new(worker, workers), events, stop).await
+            let launcher = find_launcher(&options.executor.launcher, &worker)?;
+            drive(options, &run_dir, Local::new(worker, workers).with_launcher(launcher), events, stop).await
         }
         // As many as fit in a commit: there is no process to wait for.
         ExecutorKind::InProcess => drive(options, &run_dir, InProcess::new(4096), events, stop).await,
@@ -278,6 +279,24 @@ fn find_worker(named: Option<&Path>) -> Result<PathBuf, EngineError> {
     // Absolute, since workers are started from wherever we are.
     let path = std::path::absolute(&path).unwrap_or(path);
     if path.is_file() { Ok(path) } else { Err(EngineError::NoWorker { path }) }
+}
+
+/// The launcher of MPI ranks, where one is set; their program lies beside the worker.
+fn find_launcher(command: &[String], worker: &Path) -> Result<Option<Launcher>, EngineError> {
+    let Some(program) = command.first() else { return Ok(None) };
+    let folders = std::env::var_os("PATH").unwrap_or_default();
+    let is_found = match Path::new(program) {
+        path if path.components().count() > 1 => path.is_file(),
+        name => std::env::split_paths(&folders).any(|folder| folder.join(name).is_file()),
+    };
+    if !is_found {
+        return Err(EngineError::NoLauncher { program: program.clone() });
+    }
+    let path = worker.with_file_name("cardiotwin-worker-mpi");
+    if !path.is_file() {
+        return Err(EngineError::NoMpiWorker { path });
+    }
+    Ok(Some(Launcher { command: command.to_vec(), worker: path }))
 }
 
 /// Changes settings of a patient from a stage on; step 1 goes on from its stored iterations without repeating them.

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use cardiotwin_schemas::finite_element::FiniteElementSettings;
 use cardiotwin_schemas::organ::CELL_PARAMETERS;
 use cardiotwin_schemas::settings::{
-    CellFitSettings, STEP1_BIOMARKERS, STEP1_PARAMETERS, Settings, SolverSettings, Step1Settings,
+    CellFitSettings, ExecutorKind, STEP1_BIOMARKERS, STEP1_PARAMETERS, Settings, SolverSettings, Step1Settings,
 };
 
 use super::nearest::nearest;
@@ -39,6 +39,14 @@ pub fn complaints(settings: &Settings) -> Vec<Complaint> {
     let executor = &settings.executor;
     list.count("executor.threads", executor.threads, 0, 1024);
     list.count("executor.workers", executor.workers, 0, 4096);
+    if !executor.launcher.is_empty() && executor.kind != ExecutorKind::Local {
+        list.add(
+            "executor.launcher",
+            executor.launcher.join(" "),
+            "none, unless executor.kind is \"local\": in a job of a cluster, workers have threads",
+            "leave it away",
+        );
+    }
     list.count("executor.site_retries", executor.site_retries, 0, 100);
     list.within("executor.vtu_every_ms", executor.vtu_every_ms, 0.0, 1e5);
     list.within("executor.hang_timeout_s", executor.hang_timeout_s, 0.0, 1e7);
@@ -138,6 +146,7 @@ impl List {
         self.count(&key("mesh_nodes"), settings.mesh_nodes, 500, 2_000_000);
         self.count(&key("newton_iterations"), settings.newton_iterations, 1, 1000);
         self.positive(&key("tolerance"), settings.tolerance, 0.1);
+        self.within(&key("diastolic_step_ms"), settings.diastolic_step_ms, 0.0, 20.0);
         let wall = &settings.wall;
         for (name, value, high) in [
             ("guccione_C_kPa", wall.guccione_c_kpa, 100.0),
