@@ -15,7 +15,7 @@ BUILD := $(CARGO) build --release --locked --workspace --bins
 # The worker on MPI ranks is the one thing that needs an MPI, and is left out where there is none.
 BUILD_MPI := $(CARGO) build --release --locked --package cardiotwin-worker --features mpi --bin cardiotwin-worker-mpi
 
-.PHONY: help deps deps-demo build test-mpich demo test bench work-precision evaluate-discover afterload verify clean-run
+.PHONY: help deps deps-demo build test-mpich demo test bench work-precision evaluate-discover afterload verify slurm-kills clean-run
 
 help: ## print this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "  make %-18s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -50,6 +50,7 @@ bench: build ## measure the figures of docs/benchmarks.md on this machine (minut
 	$(BIN)/cardiotwin bench orchestration
 	$(BIN)/cardiotwin bench orchestration --spawn
 	$(BIN)/cardiotwin bench orchestration --kill
+	$(BIN)/cardiotwin bench slurm
 	folder=$$(mktemp -d) && $(BIN)/cardiotwin sweep gsa --out $$folder/gsa; status=$$?; rm -rf -- "$$folder"; exit $$status
 
 PYTHON_ENV := $(if $(CARGO_TARGET_DIR),$(CARGO_TARGET_DIR),target)/work-precision-env
@@ -105,6 +106,11 @@ $(VERIFY)/motion-%.csv:
 	$(BIN)/examples/verification-motion $* > $@.part && mv $@.part $@
 $(VERIFY)/ep-%.txt:
 	$(BIN)/examples/electrophysiology-figures $* > $@.part && mv $@.part $@
+
+KILLS ?= 10000
+slurm-kills: build ## kill everything that can be killed during cohorts on a real Slurm of this machine, and on the modelled one (about an hour)
+	CARDIOTWIN_KILLS=$(KILLS) $(CARGO) test --release --locked --package cardiotwin --lib random_kills -- --nocapture
+	$(CARGO) test --release --locked --package cardiotwin-tests --test slurm -- --ignored
 
 clean-run: ## forget the results of the bundled cohort, so that `make demo` starts anew
 	rm -rf -- $(COHORT)/run $(COHORT)/discover

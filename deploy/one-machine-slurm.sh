@@ -192,7 +192,8 @@ MaxJobCount=20000
 MinJobAge=300
 KillWait=5
 KillOnBadExit=1
-UnkillableStepTimeout=30
+# at least five times MessageTimeout, or slurmd does not start (24.11)
+UnkillableStepTimeout=60
 SlurmctldTimeout=30
 SlurmdTimeout=10
 BatchStartTimeout=10
@@ -228,6 +229,11 @@ PartitionName=scavenge MaxTime=1-00:00:00 PriorityTier=1 PreemptMode=CANCEL Allo
 CONF
     fi
     [ -z "$MORE_CONF" ] || cat "$MORE_CONF" >>"$SLURM_CONF"
+}
+write_cgroup_conf() { # newer ones set cgroups up even where no plugin wants them, and fail where they may not
+    local version
+    version=$(slurmd -V | sed 's/[^0-9]*//')
+    if printf '%s\n' 23.11 "$version" | sort -V -C; then echo CgroupPlugin=disabled >"$ROOT/etc/cgroup.conf"; fi
 }
 write_slurmdbd_conf() {
     (
@@ -304,10 +310,10 @@ start() {
     # A Unix socket's path may have 107 bytes.
     [ ${#ROOT} -le 80 ] || fail "the path $ROOT is too long for sockets (${#ROOT} bytes, at most 80): take a shorter one, such as \$(mktemp -d /tmp/sl.XXXX)"
     [[ $ROOT != *[[:space:]]* ]] || fail "the path '$ROOT' holds a blank, which slurm.conf cannot"
-    local fresh=yes
+    FRESH=yes # not local: the trap below is run when this function is left already
     if [ -e "$ROOT/$marker" ]; then
         [ -e "$ROOT/$marker/settings" ] || fail "$ROOT: another start is under way, or was killed: run stop first"
-        fresh=no # stopped with --keep-state: the same cluster goes on
+        FRESH=no # stopped with --keep-state: the same cluster goes on
         settings
         local daemon
         for daemon in $(daemons); do
@@ -318,13 +324,13 @@ start() {
         mkdir "$ROOT/$marker" || fail "$ROOT: another start is under way"
     fi
     # Whatever stops this start, nothing of it stays.
-    trap 'say "start failed; logs:"; tail -n 5 "$ROOT"/log/* >&2 2>/dev/null || true; stop_all KILL; [ "$fresh" = no ] || remove' EXIT
+    trap 'say "start failed; logs:"; tail -n 5 "$ROOT"/log/* >&2 2>/dev/null || true; stop_all KILL; [ "$FRESH" = no ] || remove' EXIT
     install_packages
 
     SLURM_CONF=$ROOT/etc/slurm.conf AS_ROOT=""
     [ "$(id -u)" != 0 ] || AS_ROOT=yes
     export SLURM_CONF
-    if [ "$fresh" = yes ]; then
+    if [ "$FRESH" = yes ]; then
         chmod 755 "$ROOT"
         mkdir -p "$ROOT"/{etc,state,spool,log,tmp,run,munge}
         chmod 711 "$ROOT/munge" # clients reach the socket in it
@@ -333,10 +339,11 @@ start() {
         PORT=${PORT:-$(free_ports $((NODES + 3)))}
         PORT_DBD=$((PORT + NODES + 1)) PORT_DB=$((PORT + NODES + 2))
         write_slurm_conf
+        write_cgroup_conf
     fi
     start_munged
     if [ "$ACCOUNTING" = yes ]; then
-        if [ "$fresh" = yes ]; then
+        if [ "$FRESH" = yes ]; then
             local password
             password=$(od -An -N16 -tx1 /dev/urandom | tr -d ' \n')
             make_database

@@ -261,6 +261,12 @@ impl<'a> Cohort<'a> {
         all.into_iter().filter(|path| path.join(name).exists()).collect()
     }
 
+    /// Workers at work: their claims.
+    pub fn workers(&self) -> Vec<PathBuf> {
+        let begun = self.attempts_with("started.json").into_iter().filter(|path| !path.join("outcome.json").exists());
+        begun.map(|path| path.join("started.json")).filter(|claim| pid_of(claim).is_some_and(lives)).collect()
+    }
+
     /// Waits until a worker is at step 2 and has left a checkpoint; its process.
     #[track_caller]
     pub fn wait_for_checkpoint(&self) -> u32 {

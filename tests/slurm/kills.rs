@@ -25,12 +25,6 @@ fn in_3d<'a>(cluster: &'a Cluster, patients: &[&str], step2: &str) -> Cohort<'a>
         .set("executor.slurm.free_repeats=1000")
 }
 
-/// Workers at work: their claims.
-fn workers(cohort: &Cohort) -> Vec<PathBuf> {
-    let begun = cohort.attempts_with("started.json").into_iter().filter(|path| !path.join("outcome.json").exists());
-    begun.map(|path| path.join("started.json")).filter(|claim| pid_of(claim).is_some_and(lives)).collect()
-}
-
 /// Drivers at work: their claims.
 fn drivers(cohort: &Cohort) -> Vec<PathBuf> {
     let files = cohort.jobs().into_iter().flat_map(|job| std::fs::read_dir(job).into_iter().flatten().flatten());
@@ -89,13 +83,13 @@ impl Drop for Coordinator<'_> {
 /// into its walltime.
 fn every_kind_of_kill(cluster: &Cluster, cohort: &Cohort, by_slurms_clock: bool) -> Tally {
     let mut coordinator = Coordinator::start(cohort);
-    cluster.wait("workers", || !workers(cohort).is_empty());
+    cluster.wait("workers", || !cohort.workers().is_empty());
     coordinator.kill();
     cluster.kill("slurmdbd");
     cluster.kill("slurmctld");
     coordinator = Coordinator::start(cohort); // it meets neither
-    cluster.wait("a worker", || !workers(cohort).is_empty());
-    workers(cohort).first().into_iter().for_each(|claim| signal(claim, Signal::KILL));
+    cluster.wait("a worker", || !cohort.workers().is_empty());
+    cohort.workers().first().into_iter().for_each(|claim| signal(claim, Signal::KILL));
     cluster.revive("slurmdbd"); // without it a controller that has just been killed does not start
     cluster.revive("slurmctld");
     let mut down = None;
@@ -190,7 +184,7 @@ pub fn a_hundred_random_kills(cluster: &Cluster) {
                     Some("coordinator")
                 }
                 1 => pick(&mut series, drivers(&cohort)).map(|claim| (signal(&claim, Signal::KILL), "driver").1),
-                2 => pick(&mut series, workers(&cohort)).map(|claim| (signal(&claim, Signal::KILL), "worker").1),
+                2 => pick(&mut series, cohort.workers()).map(|claim| (signal(&claim, Signal::KILL), "worker").1),
                 daemon => {
                     let (name, kind) = match daemon {
                         3 => (NODES[series.below(4)], "slurmd"),

@@ -3,11 +3,13 @@
 //! A harness of its own: one Slurm is started for all tests, unless `SLURM_CONF` names one whose folder
 //! `deploy/one-machine-slurm.sh` made, and stopped by its pids at the end. Where none can be had the tests say so.
 
+mod bundles;
 mod cluster;
 mod cohort;
 mod endings;
 mod failures;
 mod faults;
+mod figures;
 mod kills;
 mod sweeps;
 mod whole;
@@ -62,11 +64,13 @@ const TESTS: &[Test] = &[
     ("arrays are split where Slurm says", sweeps::arrays_are_split_where_slurm_says),
 ];
 
-/// Run where they are asked for with `--ignored`: the first finds a defect that docs/slurm.md names, the others take minutes.
+/// Run where they are asked for with `--ignored` (`make slurm-kills`): they take minutes, and print figures for the docs.
 const LONG: &[Test] = &[
+    ("several whole nodes in one job", bundles::several_whole_nodes_in_one_job),
     ("a cohort in 3D survives kills", kills::a_cohort_in_3d_survives_kills),
     ("seven patients in 3D survive kills", kills::seven_patients_in_3d_survive_kills),
     ("a hundred random kills", kills::a_hundred_random_kills),
+    ("a sensitivity analysis on four nodes", figures::a_sensitivity_analysis_on_four_nodes),
 ];
 
 fn main() -> ExitCode {

@@ -3,6 +3,7 @@
 //! Two budgets: `infrastructure` for what the site does to us, `science` for what the models do. A failed node and a
 //! preemption are charged to neither, up to a bound that keeps a broken partition from being fed for ever.
 
+use crate::cancelled::{Canceller, OwnTraces, by_whom};
 use crate::state::SlurmState;
 use crate::truth::Ended;
 
@@ -55,6 +56,8 @@ pub struct Evidence<'a> {
     pub we_cancelled: bool,
     /// Whether it received the warning before its walltime.
     pub warned: bool,
+    /// What tells a person's cancellation from Slurm's.
+    pub traces: OwnTraces,
 }
 
 /// Class of an ending; `None` where we cancelled it ourselves, or where it completed.
@@ -69,7 +72,7 @@ pub fn classify(evidence: &Evidence<'_>) -> Option<Class> {
         Some(OwnWord::Panic) => return Some(Class::Panic),
         None => {}
     }
-    let out_of_memory = OUT_OF_MEMORY.iter().any(|words| evidence.log_tail.contains(words));
+    let out_of_memory = ran_out_of_memory(evidence);
     let panicked = evidence.log_tail.contains("panicked at ");
     let Some(ended) = evidence.scheduler else {
         return Some(if out_of_memory {
@@ -90,7 +93,10 @@ pub fn classify(evidence: &Evidence<'_>) -> Option<Class> {
         // OverMemoryKill cancels the step; a dependency that was not met cancels the job: no person did.
         SlurmState::Cancelled if out_of_memory => Class::OutOfMemory,
         SlurmState::Cancelled if ended.reason.starts_with("Dependency") => Class::Unexplained,
-        SlurmState::Cancelled => Class::CancelledByPerson,
+        SlurmState::Cancelled => match by_whom(ended, evidence.traces) {
+            Canceller::Person => Class::CancelledByPerson,
+            Canceller::Slurm | Canceller::Unclear => Class::Unexplained,
+        },
         _ if out_of_memory || ended.reason == "OutOfMemory" || ended.exit.is_some_and(|e| e.signal == 125) => {
             Class::OutOfMemory
         }
@@ -100,6 +106,20 @@ pub fn classify(evidence: &Evidence<'_>) -> Option<Class> {
         _ if evidence.warned => Class::Walltime,
         _ => Class::Unexplained,
     })
+}
+
+/// Whether a job was cancelled and by whom is not to be told yet: look again before it is [`classify`]'d.
+#[must_use]
+pub fn is_open(evidence: &Evidence<'_>) -> bool {
+    let cancelled = |ended: &&Ended| ended.state == SlurmState::Cancelled && !ended.reason.starts_with("Dependency");
+    evidence.own.is_none()
+        && !evidence.we_cancelled
+        && !ran_out_of_memory(evidence)
+        && evidence.scheduler.filter(cancelled).is_some_and(|e| by_whom(e, evidence.traces) == Canceller::Unclear)
+}
+
+fn ran_out_of_memory(evidence: &Evidence<'_>) -> bool {
+    OUT_OF_MEMORY.iter().any(|words| evidence.log_tail.contains(words))
 }
 
 /// What Slurm's stepd and the kernel write before they kill for memory.
@@ -241,11 +261,20 @@ fn more_memory(given: &Given) -> Option<(Given, String)> {
 
 #[cfg(test)]
 mod tests {
-    use super::{Budgets, Class, Evidence, Given, Next, OwnWord, Spent, classify, next};
+    use super::{Budgets, Class, Evidence, Given, Next, OwnWord, Spent, classify, is_open, next};
     use crate::answers::{accounting, queue, recorded};
+    use crate::cancelled::OwnTraces;
     use crate::truth::{Truth, Wanted, of};
     use proptest::prelude::*;
 
+    const NOTHING: Evidence<'_> = Evidence {
+        own: None,
+        scheduler: None,
+        log_tail: "",
+        we_cancelled: false,
+        warned: false,
+        traces: OwnTraces { began: true, asked_to_end: false, uid: 1001, waited: false },
+    };
     const BUDGETS: Budgets = Budgets { infrastructure: 2, science: 1, free: 5 };
 
     fn given() -> Given {
@@ -258,7 +287,8 @@ mod tests {
         let Truth::Ended(ended) = of(Wanted { name, element: None }, Some(&queue), Some(&rows)) else {
             panic!("{name}")
         };
-        let evidence = Evidence { own: None, scheduler: Some(&ended), log_tail, we_cancelled: false, warned: false };
+        let evidence = Evidence { scheduler: Some(&ended), log_tail, ..NOTHING };
+        assert!(!is_open(&evidence), "accounting tells: {name}");
         classify(&evidence)
     }
 
@@ -282,9 +312,7 @@ mod tests {
             (OwnWord::Divergence, Class::Divergence),
             (OwnWord::Panic, Class::Panic),
         ] {
-            let evidence =
-                Evidence { own: Some(own), scheduler: None, log_tail: "", we_cancelled: false, warned: false };
-            assert_eq!(classify(&evidence), Some(class));
+            assert_eq!(classify(&Evidence { own: Some(own), ..NOTHING }), Some(class));
         }
     }
 

@@ -8,6 +8,7 @@
 #![deny(missing_docs)]
 
 pub mod answers;
+pub mod cancelled;
 pub mod commands;
 pub mod failure;
 pub mod job;

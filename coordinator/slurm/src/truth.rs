@@ -6,6 +6,7 @@
 use crate::answers::Table;
 use crate::answers::accounting::{AccountingRow, ExitCode};
 use crate::answers::queue::QueueRow;
+use crate::cancelled::Accounting;
 use crate::job::{JobId, Jobs};
 use crate::reason::{self, Why};
 use crate::state::{Bearing, SlurmState};
@@ -57,6 +58,8 @@ pub struct Ended {
     pub elapsed_s: Option<u64>,
     /// Its nodes, to be avoided after NODE_FAIL.
     pub nodes: String,
+    /// What the database says of it.
+    pub accounting: Accounting,
 }
 
 impl Ended {
@@ -117,10 +120,11 @@ pub fn of(wanted: Wanted<'_>, queue: Option<&Table<QueueRow>>, accounting: Optio
     }
     if let Some(row) = queued().max_by_key(|row| row.submitted) {
         // Accounting tells more of the same run: its exit code and who cancelled it.
-        let more = accounted().filter(|(id, more)| *id == row.id && more.state.bearing() == Bearing::Ended);
+        let same = || accounted().filter(|(id, more)| *id == row.id && more.submitted >= row.submitted);
+        let more = same().filter(|(_, more)| more.state.bearing() == Bearing::Ended);
         return Truth::Ended(match more.max_by_key(|(_, more)| more.submitted) {
-            Some((id, more)) if more.submitted >= row.submitted => ended(id, more),
-            _ => Ended {
+            Some((id, more)) => ended(id, more),
+            None => Ended {
                 id: row.id,
                 state: row.state.clone(),
                 exit: None,
@@ -130,6 +134,11 @@ pub fn of(wanted: Wanted<'_>, queue: Option<&Table<QueueRow>>, accounting: Optio
                 began: Some(!row.nodes.is_empty()),
                 elapsed_s: row.end.zip(row.start).and_then(|(end, start)| u64::try_from(end - start).ok()),
                 nodes: row.nodes.clone(),
+                accounting: match accounting {
+                    None => Accounting::Silent,
+                    Some(_) if same().next().is_some() => Accounting::Disagrees,
+                    Some(_) => Accounting::Unaware,
+                },
             },
         });
     }
@@ -188,6 +197,7 @@ fn ended(id: JobId, row: &AccountingRow) -> Ended {
         began: Some(!row.nodes.is_empty()),
         elapsed_s: row.elapsed_s,
         nodes: row.nodes.clone(),
+        accounting: Accounting::Agrees,
     }
 }
 
@@ -195,6 +205,7 @@ fn ended(id: JobId, row: &AccountingRow) -> Ended {
 mod tests {
     use super::{Truth, Unknown, Wanted, of};
     use crate::answers::{accounting, queue, recorded};
+    use crate::cancelled::Accounting;
     use crate::state::SlurmState;
 
     fn wanted(name: &str) -> Wanted<'_> {
@@ -247,7 +258,10 @@ mod tests {
         let rows = accounting::read(&recorded::output("sacct-ended")).expect("an answer");
         let queue = queue::read(&recorded::output("squeue-ended")).expect("an answer");
         let Truth::Ended(ended) = of(wanted("ct-held"), Some(&queue), Some(&rows)) else { panic!("squeue knows") };
-        assert_eq!((ended.began, ended.state), (Some(false), SlurmState::Cancelled));
+        assert_eq!(
+            (ended.began, ended.state, ended.accounting),
+            (Some(false), SlurmState::Cancelled, Accounting::Unaware)
+        );
         assert!(matches!(of(wanted("ct-held"), None, Some(&rows)), Truth::Unknown(_)), "sacct never tells");
     }
 }

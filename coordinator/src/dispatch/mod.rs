@@ -22,7 +22,7 @@ use cardiotwin_schemas::task::AttemptSpec;
 pub use evidence::{FENCE, SPEC, fence, outcome};
 pub use in_process::InProcess;
 pub use local::{Launcher, Local};
-pub use process::{claim_of_this_process, lives_here};
+pub use process::{claim_of_this_process, lives_here, own_uid};
 
 /// What an executor needs to start an attempt.
 #[derive(Debug, Clone)]

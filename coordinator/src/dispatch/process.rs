@@ -31,6 +31,11 @@ pub fn start_ticks(pid: u32) -> Option<u64> {
     fields.nth(18)?.parse().ok()
 }
 
+/// As whom we run, and so submit.
+pub fn own_uid() -> u32 {
+    rustix::process::getuid().as_raw()
+}
+
 /// This process's claim.
 pub fn claim_of_this_process() -> Claim {
     let pid = std::process::id();

@@ -28,14 +28,14 @@ pub fn workers(settings: &ExecutorSettings) -> usize {
 /// Nodes of a mesh for each thread of a beat in a job: with fewer, threads wait for each other.
 const NODES_PER_THREAD: u32 = 4000;
 
-/// Threads of a patient's workers in a job, where a node has `cores`: as asked, or those that a beat on its mesh makes use of.
+/// Threads of a patient's workers in a job, where a node has `cores`: as asked, or those that a beat on its mesh of so many
+/// nodes makes use of.
 #[must_use]
-pub fn threads_in_job(settings: &ExecutorSettings, solver: &SolverSettings, cores: u32) -> u32 {
-    let mesh = &solver.finite_element;
-    let is_large = solver.fidelity == Fidelity::FiniteElement && u64::from(mesh.mesh_nodes) >= LARGE_MESH_NODES;
+pub fn threads_in_job(settings: &ExecutorSettings, solver: &SolverSettings, mesh_nodes: u32, cores: u32) -> u32 {
+    let is_large = solver.fidelity == Fidelity::FiniteElement && u64::from(mesh_nodes) >= LARGE_MESH_NODES;
     match settings.threads {
-        0 if is_large && mesh.linear_solver == LinearSolver::BlockJacobi => {
-            (mesh.mesh_nodes / NODES_PER_THREAD).clamp(1, cores.max(1))
+        0 if is_large && solver.finite_element.linear_solver == LinearSolver::BlockJacobi => {
+            (mesh_nodes / NODES_PER_THREAD).clamp(1, cores.max(1))
         }
         0 => 1,
         n => n,

@@ -176,6 +176,9 @@ impl<E: Executor> Driver<'_, E> {
         } else {
             None
         };
+        if self.leaving == Some(DriverEnding::Stopped) {
+            self.folder.note_asked_to_end(self.place.element, self.place.node);
+        }
         if self.leaving.is_some() {
             for attempt in self.running.keys().cloned().collect::<Vec<_>>() {
                 let directory = self.directory(&attempt);

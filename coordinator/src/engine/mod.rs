@@ -60,7 +60,9 @@ pub use crate::store::lock::{LockError, LockHolder};
 pub use crate::store::{
     AttemptRecord, EventRecord, JobRecord, LeafChange, MemberRecord, Reader, StepExplanation, StoreError,
 };
-pub use cluster::{PlannedRow, PlannedRun, preview};
+pub use cluster::{
+    ClusterBenchOptions, ClusterBenchResult, PlannedRow, PlannedRun, TickCost, measure as measure_cluster, preview,
+};
 pub use driver::{DriverPlace, drive_here};
 pub use error::EngineError;
 pub use events::{EngineEvent, EventSender, PatientEnding, RunSummary};

@@ -136,6 +136,8 @@ pub struct Model {
     jobs: Vec<Job>,
     runs: Vec<Run>,
     down: Vec<u32>,
+    /// Numbers of jobs that the controller forgot, and what runs of them.
+    forgotten: Vec<(u64, usize)>,
     /// What the database was told: when, and the job as it was.
     told: Vec<(i64, Job)>,
 }
@@ -152,6 +154,7 @@ impl Model {
             jobs: Vec::new(),
             runs: Vec::new(),
             down: Vec::new(),
+            forgotten: Vec::new(),
             told: Vec::new(),
         }
     }
@@ -250,6 +253,16 @@ impl Model {
                 "Resources".clone_into(&mut self.jobs[i].reason);
                 continue;
             }
+            let of_same_number =
+                |(number, run): &(u64, usize)| *number == self.jobs[i].number && self.runs[*run].ended.is_none();
+            if self.forgotten.iter().any(of_same_number) {
+                // Its node has a job of this number: cancelled as it starts, in the name of the controller's user.
+                let (job, now) = (&mut self.jobs[i], self.now);
+                (job.state, job.nodes, job.cancelled) = (SlurmState::Cancelled, free, true);
+                (job.start, job.end) = (Some(now), Some(now));
+                self.tell(i);
+                continue;
+            }
             let run = Run {
                 name: request.name.clone(),
                 element: self.jobs[i].array.map(|(_, element)| element),
@@ -323,10 +336,12 @@ impl Model {
     }
 
     /// The controller is killed and comes back with what it had saved: of jobs submitted in the last five seconds it
-    /// knows nothing, hands their numbers out again, and kills none of their processes; jobs that began in them are
-    /// queued once more.
+    /// knows nothing, hands their numbers out again, and kills none of their processes: a job that is given the number of
+    /// one that still runs is cancelled as it starts. Jobs that began in them are queued once more.
     pub fn crash_controller(&mut self) {
         let saved = self.now - 5;
+        let lost = self.jobs.iter().filter(|job| job.submitted >= saved);
+        self.forgotten.extend(lost.filter_map(|job| Some((job.number, job.run?))));
         self.jobs.retain(|job| job.submitted < saved);
         self.next_number = self.jobs.iter().map(|job| job.number).max().unwrap_or(0) + 1;
         for job in &mut self.jobs {

@@ -7,8 +7,8 @@ use clap::{Args, Subcommand};
 use crate::cli::error::CliError;
 use crate::cli::exit::Exit;
 use crate::cli::talk::Talk;
-use crate::engine::StopSignal;
 use crate::engine::bench::{self, BenchOptions, BenchResult};
+use crate::engine::{ClusterBenchOptions, ClusterBenchResult, StopSignal, TickCost, measure_cluster};
 
 /// Measure what orchestration costs
 #[derive(Debug, Args)]
@@ -20,6 +20,7 @@ pub struct BenchArgs {
 #[derive(Debug, Subcommand)]
 enum BenchCommand {
     Orchestration(OrchestrationArgs),
+    Slurm(SlurmArgs),
 }
 
 /// Patients of three no-op tasks each, through database, outbox and executor
@@ -51,12 +52,61 @@ struct OrchestrationArgs {
     drive_only: bool,
 }
 
+/// Ticks over many living jobs of a modelled Slurm; status and restart of many samples
+#[derive(Debug, Args)]
+struct SlurmArgs {
+    /// Living jobs, of which half run
+    #[arg(long, value_name = "N", default_value_t = 1000)]
+    jobs: usize,
+    /// Samples, each a task of its own
+    #[arg(long, value_name = "N", default_value_t = 100_000)]
+    samples: usize,
+    /// One JSON object instead of text
+    #[arg(long)]
+    json: bool,
+}
+
 /// Measures.
 ///
 /// # Errors
 /// The engine's.
 pub async fn execute(args: &BenchArgs, talk: &Talk) -> Result<Exit, CliError> {
-    let BenchCommand::Orchestration(args) = &args.command;
+    match &args.command {
+        BenchCommand::Orchestration(args) => orchestration(args, talk).await,
+        BenchCommand::Slurm(args) => slurm(args, talk).await,
+    }
+}
+
+async fn slurm(args: &SlurmArgs, talk: &Talk) -> Result<Exit, CliError> {
+    let scratch = tempfile::tempdir().map_err(CliError::file("make a folder in", std::env::temp_dir()))?;
+    let folder = scratch.path().join("bench");
+    let options = ClusterBenchOptions { folder, jobs: args.jobs, samples: args.samples };
+    let result = measure_cluster(&options).await?;
+    if args.json {
+        talk.json(&result)?
+    } else {
+        talk.data(&slurm_text(&result))?
+    }
+    Ok(Exit::Ok)
+}
+
+fn slurm_text(result: &ClusterBenchResult) -> String {
+    let tick = |what: &str, cost: &TickCost| {
+        let asked: Vec<String> = cost.commands.iter().map(|(program, n)| format!("{n} {program}")).collect();
+        format!("{what:<26}{:9.1} ms of ours   {}\n", cost.ours_ms, asked.join(", "))
+    };
+    format!("{} living jobs\n", result.jobs)
+        + &tick("tick that submits them", &result.submit)
+        + &tick("tick, half have begun", &result.news)
+        + &tick("tick, nothing happened", &result.quiet)
+        + &tick("tick, 1 in 100 failed", &result.failures)
+        + &format!("{} samples, each a task\n", result.samples)
+        + &format!("{:<26}{:9.1} µs a sample\n", "run in-process", result.us_per_sample)
+        + &format!("{:<26}{:9.1} ms\n", "status", result.status_ms)
+        + &format!("{:<26}{:9.3} s\n", "restart", result.restart_s)
+}
+
+async fn orchestration(args: &OrchestrationArgs, talk: &Talk) -> Result<Exit, CliError> {
     let scratch = tempfile::tempdir().map_err(CliError::file("make a folder in", std::env::temp_dir()))?;
     let run_dir = args.run_dir.clone().unwrap_or_else(|| scratch.path().join("run"));
     let mut options = BenchOptions {

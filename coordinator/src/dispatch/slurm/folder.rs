@@ -7,6 +7,7 @@
 //! | `submitting` | coordinator, right before `sbatch`: from now on Slurm may know the name |
 //! | `started-E-N.json` | driver on node N of element E, created exclusively |
 //! | `taken-E-P` | the driver that took patient P of element E's list, created exclusively |
+//! | `asked-to-end-E-N` | driver, as soon as it is told to stop, other than by the warning before its walltime |
 //! | `ended-E-N.json` | driver, its last word |
 //! | `fence-E` | coordinator: element E begins and publishes nothing more |
 
@@ -147,6 +148,18 @@ impl JobFolder {
     #[must_use]
     pub fn started(&self, element: usize, node: u32) -> Option<DriverClaim> {
         read(&self.path.join(format!("started-{element}-{node}.json")))
+    }
+
+    /// Notes that a driver was told to stop: what follows may kill it before its last word. A note that cannot be written is
+    /// no reason not to stop.
+    pub fn note_asked_to_end(&self, element: u32, node: u32) {
+        let _ = fs::write(self.path.join(format!("asked-to-end-{element}-{node}")), b"");
+    }
+
+    /// Whether a driver was told to stop.
+    #[must_use]
+    pub fn was_asked_to_end(&self, element: usize, node: u32) -> bool {
+        self.path.join(format!("asked-to-end-{element}-{node}")).exists()
     }
 
     /// A driver's last word.

@@ -10,6 +10,13 @@ const PATIENCE: u32 = 3;
 /// Longest time that it is left alone, ms.
 const LONGEST_MS: i64 = 3_600_000;
 
+/// How long Slurm is left alone after so many commands in a row without an answer; `None`: not yet.
+pub(super) fn pause_ms(silent: u32, grace_s: u64) -> Option<i64> {
+    let further = silent.checked_sub(PATIENCE)?;
+    let grace_ms = i64::try_from(grace_s).unwrap_or(LONGEST_MS).saturating_mul(1000);
+    Some(grace_ms.saturating_mul(1 << further.min(12)).min(LONGEST_MS))
+}
+
 impl<S: Scheduler> Cluster<S> {
     /// Whether Slurm is to be left alone at present.
     pub(super) fn leaves_slurm_alone(&self) -> bool {
@@ -24,9 +31,7 @@ impl<S: Scheduler> Cluster<S> {
             return;
         };
         self.report.silent += 1;
-        if let Some(further) = self.report.silent.checked_sub(PATIENCE) {
-            let grace_ms = i64::try_from(self.settings.slurm.grace_s).unwrap_or(LONGEST_MS).saturating_mul(1000);
-            let pause_ms = grace_ms.saturating_mul(1 << further.min(12)).min(LONGEST_MS);
+        if let Some(pause_ms) = pause_ms(self.report.silent, self.settings.slurm.grace_s) {
             self.report.asks_again_ms = self.world.now_ms + pause_ms;
             let (n, until) = (self.report.silent, clock::utc_text(self.report.asks_again_ms));
             self.report.no_answer =

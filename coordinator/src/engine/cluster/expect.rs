@@ -6,6 +6,7 @@ use cardiotwin_schemas::plan::{ResolvedPatient, Workflow};
 use cardiotwin_schemas::settings::{ExecutorSettings, Fidelity, Update};
 use cardiotwin_schemas::task::TaskSpec;
 
+use super::mesh_size;
 use crate::engine::world::World;
 use crate::machine::chain::Chain;
 use crate::machine::task::Task;
@@ -45,7 +46,7 @@ impl Expectations {
         let guess = match plan.settings.solver.fidelity {
             _ if self.simulation_s > 0.0 => self.simulation_s,
             Fidelity::Reduced => 1.0,
-            Fidelity::FiniteElement => f64::from(plan.settings.solver.finite_element.mesh_nodes) * S_PER_NODE,
+            Fidelity::FiniteElement => f64::from(mesh_size::nodes(plan)) * S_PER_NODE,
         };
         self.measured.get("organ-beat").copied().unwrap_or(guess)
     }

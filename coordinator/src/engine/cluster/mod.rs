@@ -8,9 +8,11 @@
 //!  act:     fences, scancel, sbatch ([`submit`])
 //! ```
 
+mod bench;
 mod breaker;
 mod expect;
 mod follow;
+mod mesh_size;
 mod observe;
 mod place;
 mod preview;
@@ -38,6 +40,7 @@ use crate::machine::cluster_job::Element;
 use crate::store::Writer;
 pub use crate::store::cluster_jobs::{ClusterReport, REPORT};
 
+pub use bench::{ClusterBenchOptions, ClusterBenchResult, TickCost, cluster as measure};
 use expect::Expectations;
 pub use preview::{PlannedRow, PlannedRun, preview};
 pub use profile::load_site;

@@ -8,14 +8,16 @@ use cardiotwin_schemas::failure::SiteCause;
 use cardiotwin_slurm::answers::accounting::{self, AccountingRow};
 use cardiotwin_slurm::answers::queue::{self, QueueRow};
 use cardiotwin_slurm::answers::{NoAnswer, Table};
+use cardiotwin_slurm::cancelled::OwnTraces;
 use cardiotwin_slurm::commands;
-use cardiotwin_slurm::failure::{Class, Evidence, classify};
+use cardiotwin_slurm::failure::{Class, Evidence, classify, is_open};
 use cardiotwin_slurm::job::JobName;
 use cardiotwin_slurm::state::SlurmState;
 use cardiotwin_slurm::truth::{self, Alive, Ended, Truth, Unknown, Wanted};
 
 use super::Cluster;
 use super::place::wants_place;
+use crate::dispatch;
 use crate::dispatch::slurm::Scheduler;
 use crate::dispatch::slurm::folder::JobFolder;
 use crate::engine::EngineError;
@@ -223,9 +225,25 @@ impl<S: Scheduler> Cluster<S> {
         let array_element = row.spec.is_array.then_some(element);
         let warned = (0..row.spec.n_nodes)
             .any(|node| folder.ended(element, node).is_some_and(|end| end.because == DriverEnding::OutOfTime));
+        let traces = OwnTraces {
+            began: (0..row.spec.n_nodes).any(|node| folder.started(element, node).is_some()),
+            asked_to_end: (0..row.spec.n_nodes).any(|node| folder.was_asked_to_end(element, node)),
+            uid: dispatch::own_uid(),
+            waited: match row.state.elements.get(element) {
+                Some(Element::Unknown { since_ms, .. }) => self.world.now_ms - since_ms > self.grace_ms(),
+                _ => false,
+            },
+        };
         let log_tail = folder.log_tail(array_element);
         let evidence =
-            Evidence { own: None, scheduler: Some(ended), log_tail: &log_tail, we_cancelled: stopping, warned };
+            Evidence { own: None, scheduler: Some(ended), log_tail: &log_tail, we_cancelled: stopping, warned, traces };
+        if is_open(&evidence) {
+            let why = format!("Slurm says {}, and nobody says by whom yet", ended.state.as_str());
+            self.world.job_event(name, JobEvent::Accepted { job: Some(ended.id.job) })?;
+            self.look(name, element, |seen| seen.why.clone_from(&why));
+            let at_ms = self.world.now_ms;
+            return self.world.job_event(name, JobEvent::Vanished { element, at_ms, why });
+        }
         let cause = classify(&evidence).map(cause_of);
         let began = if ended.began == Some(false) { ", it never began" } else { "" };
         let words = format!("Slurm says {}{began}", ended.state.as_str());
@@ -238,9 +256,13 @@ impl<S: Scheduler> Cluster<S> {
         self.world.job_event(name, JobEvent::Ended { element, ending: Ending { cause, words } })
     }
 
+    fn grace_ms(&self) -> i64 {
+        i64::try_from(self.settings.slurm.grace_s).unwrap_or(i64::MAX / 20_000) * 1000
+    }
+
     fn unknown(&mut self, name: &str, element: usize, unknown: &Unknown) -> Result<(), EngineError> {
         let now_ms = self.world.now_ms;
-        let grace_ms = i64::try_from(self.settings.slurm.grace_s).unwrap_or(i64::MAX / 20_000) * 1000;
+        let grace_ms = self.grace_ms();
         let (absent, graces, why) = match unknown {
             Unknown::NotListed { queue_answered, .. } => (
                 *queue_answered,

@@ -10,7 +10,7 @@ use cardiotwin_slurm::plan::{self, Choices, InUse, Simulation, Sweep};
 use cardiotwin_slurm::site::{Queue, Site, Unit, Use};
 use cardiotwin_slurm::state::Bearing;
 
-use super::{Cluster, Expectations};
+use super::{Cluster, Expectations, mesh_size};
 use crate::dispatch::slurm::Scheduler;
 use crate::engine::world::World;
 use crate::engine::{EngineError, cores};
@@ -164,7 +164,7 @@ pub fn plan_jobs(
         let plan = world.plan(i)?;
         let in_3d = plan.workflow == Workflow::Personalise && plan.settings.solver.fidelity == Fidelity::FiniteElement;
         let Allotment { memory_mib, lanes, exclude, .. } = world.jobs.allotment(world.patients[i].row.id);
-        let threads = cores::threads_in_job(settings, &plan.settings.solver, site.node.cores);
+        let threads = cores::threads_in_job(settings, &plan.settings.solver, mesh_size::nodes(plan), site.node.cores);
         let like = Like { in_3d, threads, memory_mib, lanes, exclude };
         groups.entry(like).or_default().push(i);
     }
@@ -213,6 +213,12 @@ impl Group<'_> {
         Ok(self.expected.rest_s(self.world.plan(i)?, &self.world.patients[i].chain))
     }
 
+    /// Patients side by side on a whole node.
+    fn lanes(&self) -> u32 {
+        let fit = (self.site.node.cores / self.like.threads.max(1)).max(1);
+        self.like.lanes.unwrap_or(fit).clamp(1, fit)
+    }
+
     fn refused(&self, error: &plan::PlanError) -> EngineError {
         EngineError::Site { message: format!("site {}: {error}", self.site.name) }
     }
@@ -225,8 +231,7 @@ impl Group<'_> {
 
     fn spec(&self, elements: &[Vec<usize>], is_array: bool, n_nodes: u32, walltime_s: u64) -> JobSpec {
         let whole_nodes = self.queue.unit.unwrap_or(self.site.node.unit) == Unit::Node;
-        let fit = (self.site.node.cores / self.like.threads).max(1);
-        let lanes = if whole_nodes { self.like.lanes.unwrap_or(fit).min(fit) } else { 1 };
+        let lanes = if whole_nodes { self.lanes() } else { 1 };
         let n_cores = if whole_nodes { self.site.node.cores } else { self.like.threads };
         let memory_mib = self.like.memory_mib.unwrap_or(self.settings.slurm.memory_mib) * u64::from(lanes);
         JobSpec {
@@ -251,20 +256,27 @@ impl Group<'_> {
         }
     }
 
-    /// Simulations that fill a node, into jobs of many nodes: every node takes the next patient when it is free.
+    /// Simulations into jobs of many whole nodes, as many on each as it has cores for: every node takes the next patient
+    /// when it is free.
     fn bundles(&self, patients: &[usize]) -> Result<Vec<PlannedJob>, EngineError> {
-        let ranks = self.like.threads;
-        let simulation = |&i: &usize| -> Result<Simulation, EngineError> {
-            let task = i.to_string();
-            Ok(Simulation { task, ranks, predicted_s: self.rest_s(i)?, has_checkpoints: true })
-        };
-        let simulations = patients.iter().map(simulation).collect::<Result<Vec<_>, _>>()?;
+        let mut rests = Vec::with_capacity(patients.len());
+        for &i in patients {
+            rests.push((self.rest_s(i)?, i));
+        }
+        // Those of a node are alike, so that none of them waits long for the last.
+        rests.sort_by(|a, b| b.0.total_cmp(&a.0));
+        let loads: Vec<&[(f64, usize)]> = rests.chunks(self.lanes() as usize).collect();
+        let ranks = self.site.node.cores;
+        let simulations: Vec<Simulation> = (loads.iter().enumerate())
+            .map(|(n, load)| Simulation { task: n.to_string(), ranks, predicted_s: load[0].0, has_checkpoints: true })
+            .collect();
         let bundles = plan::bundles(&simulations, self.site, self.queue, self.used, &self.choices());
         let bundles = bundles.map_err(|error| self.refused(&error))?;
         Ok(bundles
             .into_iter()
             .map(|bundle| {
-                let list: Vec<usize> = bundle.order().iter().filter_map(|task| task.parse().ok()).collect();
+                let order = bundle.order().into_iter().filter_map(|task| task.parse::<usize>().ok());
+                let list: Vec<usize> = order.flat_map(|n| loads[n].iter().map(|(_, i)| *i)).collect();
                 let mut spec = self.spec(std::slice::from_ref(&list), false, bundle.n_nodes, bundle.walltime_s);
                 spec.expected_node_hours = bundle.node_hours;
                 PlannedJob { spec, patients: vec![list], predicted_s: bundle.predicted_s(), now: bundle.now }

@@ -117,6 +117,12 @@ impl Executor for OnDisk {
     }
 }
 
+/// Nodes of each element of a job: on each of them its script starts a driver.
+fn n_nodes(folder: &Path) -> u32 {
+    let script = fs::read_to_string(folder.join("job.sh")).unwrap();
+    script.lines().find_map(|line| line.strip_prefix("#SBATCH --nodes=")?.parse().ok()).unwrap()
+}
+
 pub struct Lab {
     dir: tempfile::TempDir,
     pub slurm: Modelled,
@@ -143,6 +149,12 @@ impl Lab {
         let site = site.to_string_lossy().into_owned();
         let settings = SlurmSettings { site, grace_s: 0, job_s: 1, ..SlurmSettings::default() };
         Self { dir, slurm, script: Arc::default(), patients, settings, site_retries: 2, driven: HashSet::new() }
+    }
+
+    /// Where whole nodes are given.
+    pub fn with_whole_nodes(self) -> Self {
+        fs::write(&self.settings.site, SITE.replace("unit = 'core'", "unit = 'node'")).unwrap();
+        self
     }
 
     pub fn run_dir(&self) -> PathBuf {
@@ -188,12 +200,15 @@ impl Lab {
             }
             let element = run.element.unwrap_or(0);
             let folder = self.run_dir().join("slurm").join(&run.name);
-            let place = DriverPlace { folder, element, node: 0, id: Some(n.to_string()), leave_at_ms: None };
-            let (script, dies) = (Arc::clone(&self.script), dies());
-            let executor =
-                |_: &_| OnDisk { script, ended: VecDeque::new(), dies, begun: 0, directories: BTreeMap::new() };
-            // A driver that dies says nothing; its job ends all the same.
-            let _ = drive_job(&place, executor, StopSignal::new(), || false).await;
+            for node in 0..n_nodes(&folder) {
+                let id = Some(n.to_string());
+                let place = DriverPlace { folder: folder.clone(), element, node, id, leave_at_ms: None };
+                let (script, dies) = (Arc::clone(&self.script), dies());
+                let executor =
+                    |_: &_| OnDisk { script, ended: VecDeque::new(), dies, begun: 0, directories: BTreeMap::new() };
+                // A driver that dies says nothing; its job ends all the same.
+                let _ = drive_job(&place, executor, StopSignal::new(), || false).await;
+            }
         }
     }
 

@@ -1,5 +1,8 @@
 //! The tick against a model of Slurm: both ways of running a patient alike, every crash point, random faults.
 
+mod breaker;
+mod bundles;
+mod cancelled;
 mod lab;
 
 use std::collections::BTreeMap;
@@ -158,20 +161,6 @@ async fn a_full_queue_is_waited_for_and_told() {
     lab.slurm.model.lock().unwrap().answer(&cardiotwin_slurm::commands::cancel_name(&filler), |_| None, None);
     assert_eq!(lab.finish().await.done, 1);
     assert_eq!(lab.attempts(), (3, 3));
-}
-
-#[tokio::test]
-async fn a_job_that_a_person_cancelled_stays_cancelled() {
-    let lab = Lab::new(noops(1), Settings::default());
-    lab.tick(None).await.unwrap();
-    lab.pass(5);
-    let name = lab.slurm.model.lock().unwrap().runs()[0].name.clone();
-    let cancel = cardiotwin_slurm::commands::cancel_name(&cardiotwin_slurm::job::JobName::new(&name).unwrap());
-    lab.slurm.model.lock().unwrap().answer(&cancel, |_| None, None);
-    lab.pass(5);
-    let summary = lab.tick(None).await.unwrap();
-    assert_eq!((summary.cancelled, summary.jobs), (1, 0));
-    assert_eq!(lab.tick(None).await.unwrap().cancelled, 1, "it is not taken up again by itself");
 }
 
 /// Lost nodes are avoided and charged to nothing; memory and silence are charged; what goes on for ever is stopped.

@@ -1,0 +1,134 @@
+//! Who cancelled a job that Slurm shows as CANCELLED: a person, who is obeyed, or Slurm itself, whose reasons are the site's.
+//!
+//! A controller that lost its state hands numbers out again, meets the earlier job on its node, and cancels the new one as it
+//! starts: it had a node, ran for 0 s, never came to run its script, and is `CANCELLED by` the controller's own user, often
+//! seconds after the queue has it so. Hence CANCELLED alone is no person. In this order:
+//! 1. Accounting names the job's own user, who is not root: a person. Where it names somebody else it is one, too, an
+//!    administrator, unless the job was cancelled as it started, as above: then it was Slurm.
+//! 2. Accounting has the job as cancelled and names nobody: Slurm.
+//! 3. Accounting has the job as alive or does not know it: it may lag, so it is asked again for a grace.
+//! 4. Then, and at once where there is no accounting, the job's own evidence counts: a job that never had a node, or whose
+//!    processes were asked to end (Slurm sends SIGTERM for `scancel`), was cancelled by a person.
+//! 5. Without any of these it was Slurm, once the grace is over.
+
+use crate::state::SlurmState;
+use crate::truth::Ended;
+
+/// What the database says of a run that the queue shows as ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Accounting {
+    /// The same: the ending is as told there.
+    Agrees,
+    /// It has the run as waiting or running.
+    Disagrees,
+    /// It answered, and does not know the run.
+    Unaware,
+    /// It did not answer, or was not asked.
+    Silent,
+}
+
+/// What the job itself left, and how long the question is open.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct OwnTraces {
+    /// Its script came to run our driver.
+    pub began: bool,
+    /// Its processes were asked to end, other than by the warning before their walltime.
+    pub asked_to_end: bool,
+    /// Who submitted it, by user id.
+    pub uid: u32,
+    /// Whether the grace for what lags is over.
+    pub waited: bool,
+}
+
+/// Who it was.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Canceller {
+    /// A person: it stays cancelled.
+    Person,
+    /// Slurm: the site's failure.
+    Slurm,
+    /// Not to be told yet: look again.
+    Unclear,
+}
+
+/// Who cancelled a job that the queue or accounting has as CANCELLED, and that we did not ask to be cancelled.
+#[must_use]
+pub fn by_whom(ended: &Ended, own: OwnTraces) -> Canceller {
+    debug_assert_eq!(ended.state, SlurmState::Cancelled);
+    let at_its_start = ended.began == Some(true) && ended.elapsed_s == Some(0) && !own.began;
+    // What Slurm cancels by itself it was about to start; what waits is cancelled by people.
+    let person = own.asked_to_end || ended.began == Some(false);
+    match (ended.accounting, ended.cancelled_by) {
+        (_, Some(uid)) if uid == own.uid && uid != 0 => Canceller::Person,
+        (_, Some(_)) if !at_its_start => Canceller::Person,
+        (_, Some(_)) | (Accounting::Agrees, None) => Canceller::Slurm,
+        (Accounting::Silent, None) if person => Canceller::Person,
+        _ if !own.waited => Canceller::Unclear,
+        _ if person => Canceller::Person,
+        _ => Canceller::Slurm,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Accounting, Canceller, OwnTraces, by_whom};
+    use crate::job::JobId;
+    use crate::state::SlurmState;
+    use crate::truth::Ended;
+
+    const OWN_UID: u32 = 1001;
+
+    fn cancelled(accounting: Accounting, cancelled_by: Option<u32>, ran_s: Option<u64>) -> Ended {
+        Ended {
+            id: JobId::single(7),
+            state: SlurmState::Cancelled,
+            exit: None,
+            reason: "None".to_owned(),
+            cancelled_by,
+            began: Some(ran_s.is_some()),
+            elapsed_s: ran_s,
+            nodes: if ran_s.is_some() { "n1".to_owned() } else { String::new() },
+            accounting,
+        }
+    }
+
+    /// Every combination, so that none is decided by chance.
+    #[test]
+    fn who_it_was_by_all_that_can_be_known() {
+        let sources = [
+            (Accounting::Agrees, Some(OWN_UID)),
+            (Accounting::Agrees, Some(0)),
+            (Accounting::Agrees, None),
+            (Accounting::Disagrees, None),
+            (Accounting::Unaware, None),
+            (Accounting::Silent, None),
+        ];
+        let stories = [
+            ("never had a node", None, false, false),
+            ("at its start", Some(0), false, false),
+            ("its driver ran", Some(9), true, false),
+            ("its driver was asked to end", Some(9), true, true),
+        ];
+        let mut table = String::new();
+        for (accounting, by) in sources {
+            for (story, ran_s, began, asked_to_end) in stories {
+                let ended = cancelled(accounting, by, ran_s);
+                let who = |waited| by_whom(&ended, OwnTraces { began, asked_to_end, waited, uid: OWN_UID });
+                let source = format!("{accounting:?}{}", by.map(|uid| format!(", by {uid}")).unwrap_or_default());
+                table += &format!("{source:<16} {story:<28} {:<8} {:?}\n", format!("{:?}", who(false)), who(true));
+                assert_ne!(who(true), Canceller::Unclear, "it is decided at last");
+            }
+        }
+        insta::assert_snapshot!(table);
+    }
+
+    /// The controller runs as root there, and so did whoever submitted.
+    #[test]
+    fn root_is_named_for_what_slurm_does_too() {
+        let own = OwnTraces { uid: 0, ..OwnTraces::default() };
+        assert_eq!(by_whom(&cancelled(Accounting::Agrees, Some(0), Some(0)), own), Canceller::Slurm);
+        assert_eq!(by_whom(&cancelled(Accounting::Agrees, Some(0), Some(5)), own), Canceller::Person);
+        let begun = OwnTraces { began: true, ..own };
+        assert_eq!(by_whom(&cancelled(Accounting::Agrees, Some(0), Some(0)), begun), Canceller::Person);
+    }
+}

@@ -1,0 +1,316 @@
+//! What a cluster costs on our side: ticks over many living jobs, status and restart of many samples.
+//!
+//! Slurm is its model, which answers in the words of a real one; the time in which it makes up its answers is not counted.
+//! Everything else is as in a run: the store, the folders of the jobs with the claims of their drivers, the attempts.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+
+use cardiotwin_schemas::ids::{AttemptId, ExternalId, PatientId};
+use cardiotwin_schemas::plan::{ResolvedPatient, Workflow};
+use cardiotwin_schemas::settings::{ExecutorKind, ExecutorSettings, SlurmSettings};
+use cardiotwin_schemas::task::{NoopSpec, TaskSpec};
+use cardiotwin_slurm::answers::{Exit, Output};
+use cardiotwin_slurm::commands::Command;
+use cardiotwin_slurm::model::{Behaviour, Model, Settings};
+use serde::Serialize;
+use tokio::sync::Notify;
+
+use crate::dispatch::slurm::Scheduler;
+use crate::dispatch::{DispatchError, Executor, Found, News, Order};
+use crate::engine::bench::noop_patient;
+use crate::engine::crash::CrashPoints;
+use crate::engine::driver::{DriverPlace, drive_job};
+use crate::engine::{EngineError, Reader, RunOptions, StopSignal, enter_with_lease, run, tick};
+
+/// What to measure.
+#[derive(Debug, Clone)]
+pub struct ClusterBenchOptions {
+    /// Where the runs are made; must be empty or absent.
+    pub folder: PathBuf,
+    /// Living jobs, half of which run.
+    pub jobs: usize,
+    /// Samples, each a task of its own.
+    pub samples: usize,
+}
+
+/// What was found.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ClusterBenchResult {
+    /// Living jobs.
+    pub jobs: usize,
+    /// The tick that placed and submitted them.
+    pub submit: TickCost,
+    /// The tick that saw half of them begin, and what each had begun.
+    pub news: TickCost,
+    /// A tick in which nothing had happened, the slowest of five.
+    pub quiet: TickCost,
+    /// The tick that saw one in a hundred of them fail, and submitted those again.
+    pub failures: TickCost,
+    /// Samples.
+    pub samples: usize,
+    /// Their in-process run, coordinator's time for each, µs.
+    pub us_per_sample: f64,
+    /// Reading their status and writing it as JSON, best of five, ms.
+    pub status_ms: f64,
+    /// From the start of a coordinator to its first commit, with all of them loaded, s.
+    pub restart_s: f64,
+}
+
+/// What a tick cost.
+#[derive(Debug, Clone, PartialEq, Serialize, Default)]
+pub struct TickCost {
+    /// Our time: opening the store, looking, deciding, committing, closing it, ms.
+    pub ours_ms: f64,
+    /// Commands asked, by program.
+    pub commands: BTreeMap<&'static str, u32>,
+}
+
+impl TickCost {
+    /// Questions, without what submits or cancels.
+    #[must_use]
+    pub fn questions(&self) -> u32 {
+        self.commands.iter().filter(|(program, _)| !matches!(**program, "sbatch" | "scancel")).map(|(_, n)| n).sum()
+    }
+}
+
+/// Measures.
+///
+/// # Errors
+/// The engine's.
+pub async fn cluster(options: &ClusterBenchOptions) -> Result<ClusterBenchResult, EngineError> {
+    let stand = Stand::new(options)?;
+    let submit = stand.tick().await?;
+    // Drivers of those that have begun: each claims its place, and begins its first task.
+    stand.model().advance(3);
+    stand.begin_all().await?;
+    let news = stand.tick().await?;
+    let mut quiet = TickCost::default();
+    for _ in 0..5 {
+        let cost = stand.tick().await?;
+        if cost.ours_ms > quiet.ours_ms {
+            quiet = cost;
+        }
+    }
+    stand.fail_some();
+    let failures = stand.tick().await?;
+
+    let run_dir = options.folder.join("samples");
+    let samples = samples(&run_dir, options.samples);
+    let began = Instant::now();
+    drive(&samples, StopSignal::new()).await?;
+    let us_per_sample = began.elapsed().as_secs_f64() * 1e6 / options.samples.max(1) as f64;
+    let mut status_ms = f64::INFINITY;
+    for _ in 0..5 {
+        let began = Instant::now();
+        let status = Reader::open(&run_dir).await?.status().await?;
+        let text = serde_json::to_string(&status).expect("a status is JSON");
+        status_ms = status_ms.min(began.elapsed().as_secs_f64() * 1e3);
+        assert!(text.len() > status.patients.len(), "a status names every sample");
+    }
+    // Asked to stop before it begins: what remains is the way in (and out).
+    let stop = StopSignal::new();
+    stop.ask();
+    stop.ask();
+    let began = Instant::now();
+    drive(&samples, stop).await?;
+    let restart_s = began.elapsed().as_secs_f64();
+    Ok(ClusterBenchResult {
+        jobs: options.jobs,
+        submit,
+        news,
+        quiet,
+        failures,
+        samples: options.samples,
+        us_per_sample,
+        status_ms,
+        restart_s,
+    })
+}
+
+async fn drive(options: &RunOptions, stop: StopSignal) -> Result<(), EngineError> {
+    let (events, _) = tokio::sync::mpsc::unbounded_channel();
+    run(options.clone(), events, stop).await.map(drop)
+}
+
+fn samples(run_dir: &Path, n: usize) -> RunOptions {
+    let sample = |i: usize| {
+        let task = TaskSpec::Noop(NoopSpec { label: format!("sample {i}"), sleep_ms: 0 });
+        ResolvedPatient::without_data(
+            PatientId::from(format!("S{i:06}").as_str()),
+            Workflow::Task { task: Box::new(task) },
+        )
+    };
+    RunOptions {
+        patients: Some((1..=n).map(sample).collect()),
+        ..options_of(run_dir, ExecutorSettings { kind: ExecutorKind::InProcess, ..ExecutorSettings::default() })
+    }
+}
+
+fn options_of(run_dir: &Path, executor: ExecutorSettings) -> RunOptions {
+    RunOptions {
+        run_dir: run_dir.to_owned(),
+        cohort_name: "bench".into(),
+        description: "no-op tasks".into(),
+        cohort_dir: run_dir.to_owned(),
+        patients: None,
+        only: Vec::new(),
+        executor,
+        worker: None,
+        watch: false,
+    }
+}
+
+/// Single jobs of a core each: arrays would make it too easy.
+const SITE: &str = "name = \"model\"\ndescription = \"a model of Slurm\"\nscheduler = \"slurm\"\n\
+                    node = { cores = 1, memory_mib = 4000, unit = \"core\" }\narrays = { allowed = false }\n\
+                    [[queue]]\nname = \"q\"\nqos = \"normal\"\nuses = [\"chunks\", \"simulations\"]\nwalltime = \"24:00:00\"\n";
+
+/// A run on the model.
+struct Stand {
+    options: RunOptions,
+    slurm: Modelled,
+}
+
+impl Stand {
+    fn new(options: &ClusterBenchOptions) -> Result<Self, EngineError> {
+        let file = |what, path: &Path| {
+            let path = path.to_owned();
+            move |source| EngineError::File { what, path, source }
+        };
+        std::fs::create_dir_all(&options.folder).map_err(file("make", &options.folder))?;
+        let site = options.folder.join("site.toml");
+        std::fs::write(&site, SITE).map_err(file("write", &site))?;
+        let n_nodes = u32::try_from(options.jobs / 2).unwrap_or(u32::MAX);
+        let behaviour = Behaviour { seconds: i64::MAX / 2_000_000, code: 0, signal: 0 };
+        let model = Model::new(Settings { n_nodes, behaviour, ..Settings::default() });
+        let slurm = SlurmSettings { site: site.to_string_lossy().into_owned(), job_s: 1, ..SlurmSettings::default() };
+        let executor = ExecutorSettings { kind: ExecutorKind::Slurm, slurm, ..ExecutorSettings::default() };
+        let patients = (1..=options.jobs).map(|n| noop_patient(&format!("N{n:05}"), 3_600_000)).collect();
+        Ok(Self {
+            options: RunOptions { patients: Some(patients), ..options_of(&options.folder.join("jobs"), executor) },
+            slurm: Modelled { model: Arc::new(Mutex::new(model)), log: Arc::default() },
+        })
+    }
+
+    fn model(&self) -> MutexGuard<'_, Model> {
+        self.slurm.model.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    async fn tick(&self) -> Result<TickCost, EngineError> {
+        let (events, _) = tokio::sync::mpsc::unbounded_channel();
+        *self.slurm.log.lock().unwrap_or_else(PoisonError::into_inner) = Log::default();
+        let nowhere = (PathBuf::from("/worker"), PathBuf::from("/cardiotwin"));
+        let options = self.options.clone();
+        let began = Instant::now();
+        let (_lock, lease, run_dir) = enter_with_lease(&options.run_dir)?;
+        let slurm = self.slurm.clone();
+        tick(options, (run_dir, lease), slurm, nowhere, CrashPoints::default(), events, StopSignal::new()).await?;
+        let log = std::mem::take(&mut *self.slurm.log.lock().unwrap_or_else(PoisonError::into_inner));
+        let ours = began.elapsed().saturating_sub(log.spent);
+        Ok(TickCost { ours_ms: ours.as_secs_f64() * 1e3, commands: log.asked })
+    }
+
+    /// Drivers of all that have begun, up to where each works at its first task.
+    async fn begin_all(&self) -> Result<(), EngineError> {
+        let runs = self.model().runs().to_vec();
+        for (n, run) in runs.into_iter().enumerate() {
+            let place = DriverPlace {
+                folder: self.options.run_dir.join("slurm").join(&run.name),
+                element: run.element.unwrap_or(0),
+                node: 0,
+                id: Some((n + 1).to_string()),
+                leave_at_ms: None,
+            };
+            let begun = Arc::new(Notify::new());
+            let executor = |_: &_| AtWork { begun: Arc::clone(&begun), holds: false };
+            tokio::select! {
+                biased;
+                end = drive_job(&place, executor, StopSignal::new(), || false) => drop(end?),
+                () = begun.notified() => {}
+            }
+        }
+        Ok(())
+    }
+
+    /// One in a hundred of what runs dies without a word.
+    fn fail_some(&self) {
+        let mut model = self.model();
+        let names: Vec<String> = model.runs().iter().step_by(50).map(|run| run.name.clone()).collect();
+        for name in names {
+            model.behaviours.insert(name, Behaviour { seconds: 1, code: 1, signal: 0 });
+        }
+        model.advance(5); // and accounting has heard of it
+    }
+}
+
+/// What was asked, and how long the model took.
+#[derive(Debug, Default)]
+struct Log {
+    asked: BTreeMap<&'static str, u32>,
+    spent: Duration,
+}
+
+/// The model of Slurm, with a clock beside it.
+#[derive(Debug, Clone)]
+struct Modelled {
+    model: Arc<Mutex<Model>>,
+    log: Arc<Mutex<Log>>,
+}
+
+impl Scheduler for Modelled {
+    async fn ask(&mut self, command: &Command) -> Output {
+        let began = Instant::now();
+        let output = match command.program {
+            // What a site tells of itself: nothing.
+            "scontrol" | "sacctmgr" => Output { exit: Exit::Code(0), stdout: String::new(), stderr: String::new() },
+            _ => {
+                let mut model = self.model.lock().unwrap_or_else(PoisonError::into_inner);
+                model.answer(command, |path| std::fs::read_to_string(path).ok(), None)
+            }
+        };
+        let mut log = self.log.lock().unwrap_or_else(PoisonError::into_inner);
+        log.spent += began.elapsed();
+        *log.asked.entry(command.program).or_default() += 1;
+        output
+    }
+}
+
+/// A worker that goes on working.
+struct AtWork {
+    begun: Arc<Notify>,
+    holds: bool,
+}
+
+impl Executor for AtWork {
+    fn kind(&self) -> &'static str {
+        "at-work"
+    }
+
+    fn free(&self) -> usize {
+        usize::from(!self.holds)
+    }
+
+    async fn submit(&mut self, order: Order) -> Result<ExternalId, DispatchError> {
+        let claim = order.directory.join("started.json");
+        let text = serde_json::to_string(&crate::dispatch::claim_of_this_process()).expect("a claim is JSON");
+        std::fs::write(&claim, text).map_err(|source| DispatchError::File { what: "write", path: claim, source })?;
+        self.holds = true;
+        self.begun.notify_one();
+        Ok(ExternalId::from("1"))
+    }
+
+    fn adopt(&mut self, _: &AttemptId, _: &Path) -> Result<Found, DispatchError> {
+        Ok(Found::Unclaimed)
+    }
+
+    fn stop(&mut self, _: &AttemptId, _: &Path, _: bool) -> Result<bool, DispatchError> {
+        Ok(false)
+    }
+
+    async fn news(&mut self) -> Vec<News> {
+        std::future::pending().await
+    }
+}

@@ -1,0 +1,58 @@
+//! How many nodes a patient's mesh has: as asked for where it is generated, as its file says where it is the patient's own.
+
+use std::fs::File;
+use std::io::Read as _;
+use std::path::Path;
+
+use cardiotwin_schemas::plan::ResolvedPatient;
+
+/// The count stands in a file's first lines; of Gmsh's files the names and entities stand before it.
+const HEAD_BYTES: u64 = 1 << 20;
+
+/// Nodes of the mesh of a patient in 3D. An own mesh whose file does not say counts as one that is generated: the
+/// figure decides what a job is given, not what is computed.
+#[must_use]
+pub fn nodes(plan: &ResolvedPatient) -> u32 {
+    let own = plan.step0.own_mesh.as_ref().and_then(|own| own.files.first());
+    own.and_then(|file| of_file(&file.path)).unwrap_or(plan.settings.solver.finite_element.mesh_nodes)
+}
+
+fn of_file(path: &Path) -> Option<u32> {
+    let mut bytes = Vec::new();
+    File::open(path).ok()?.take(HEAD_BYTES).read_to_end(&mut bytes).ok()?;
+    let text = String::from_utf8_lossy(&bytes);
+    match path.extension()?.to_str()? {
+        "pts" => text.lines().next()?.trim().parse().ok(),
+        "vtu" => text.split_once("NumberOfPoints=\"")?.1.split_once('"')?.0.trim().parse().ok(),
+        // One number in version 2; blocks, nodes, first and last tag in version 4.
+        "msh" => {
+            let line = text.split_once("$Nodes")?.1.trim_start().lines().next()?;
+            let numbers: Vec<&str> = line.split_whitespace().collect();
+            numbers.get(usize::from(numbers.len() > 1))?.parse().ok()
+        }
+        _ => None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::of_file;
+
+    #[test]
+    fn every_format_says_how_many_nodes_it_has() {
+        let folder = tempfile::tempdir().unwrap();
+        for (name, text, nodes) in [
+            ("a.pts", "1234\n0 0 0\n", Some(1234)),
+            ("b.vtu", "<VTKFile><Piece NumberOfPoints=\"77\" NumberOfCells=\"9\">", Some(77)),
+            ("c.msh", "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n51\n1 0 0 0\n", Some(51)),
+            ("d.msh", "$MeshFormat\n4.1 0 8\n$EndMeshFormat\n$Nodes\n3 99 1 99\n2 1 0 5\n", Some(99)),
+            ("e.pts", "many\n", None),
+            ("f.obj", "12\n", None),
+        ] {
+            let path = folder.path().join(name);
+            std::fs::write(&path, text).unwrap();
+            assert_eq!(of_file(&path), nodes, "{name}");
+        }
+        assert_eq!(of_file(&folder.path().join("absent.pts")), None);
+    }
+}

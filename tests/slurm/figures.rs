@@ -1,0 +1,89 @@
+//! Figures of docs/benchmarks.md that need a real Slurm: what a sweep costs beside its arithmetic.
+
+use std::fs;
+use std::time::Instant;
+
+use serde_json::Value;
+
+use crate::cluster::Cluster;
+use crate::cohort::{Cohort, QUICK};
+
+/// Nodes of four cores, jobs so short that each node is given one.
+const FOUR_NODES: &str = r#"
+name = "four-nodes"
+description = "deploy/one-machine-slurm.sh, whole nodes"
+scheduler = "slurm"
+[node]
+cores = 4
+memory_mib = 256000
+unit = "node"
+[arrays]
+allowed = true
+[poll]
+shortest_s = 1
+longest_s = 2
+[[queue]]
+name = "standard"
+partition = "standard"
+qos = "standard"
+uses = ["chunks", "simulations"]
+walltime = "00:08:00"
+"#;
+
+/// Processor time of processes that ended and were waited for, s.
+fn children_cpu_s() -> f64 {
+    let stat = fs::read_to_string("/proc/self/stat").expect("a process knows itself");
+    let fields: Vec<&str> = stat.rsplit(')').next().unwrap_or_default().split_whitespace().collect();
+    let ticks = |i: usize| fields[i].parse::<f64>().expect("clock ticks");
+    (ticks(13) + ticks(14)) / 100.0
+}
+
+/// `[[DD-]HH:]MM:SS.mmm`, as sacct writes processor time.
+fn seconds(text: &str) -> f64 {
+    text.trim().split([':', '-']).fold(0.0, |total, part| total * 60.0 + part.parse::<f64>().unwrap_or(0.0))
+}
+
+/// 45,056 samples of the sensitivity analysis on four nodes: processor time of everything that is ours, for each sample.
+pub fn a_sensitivity_analysis_on_four_nodes(cluster: &Cluster) {
+    let cohort = Cohort::of(cluster, &[], QUICK);
+    fs::write(cohort.site(), FOUR_NODES).expect("a profile");
+    let (began, cpu_before) = (Instant::now(), children_cpu_s());
+    let what = ["sweep", "gsa", "--resamples", "2", "--out", "run", "--slurm", &cohort.site(), "--watch"];
+    let said = cohort.call(&[&what[..], &["--account", "t01"]].concat());
+    assert_eq!(said.code, 0, "{said:?}");
+    let (wall_s, ticks_s) = (began.elapsed().as_secs_f64(), children_cpu_s() - cpu_before);
+    let samples: usize = (cohort.attempts_with("samples.csv").iter())
+        .map(|path| fs::read_to_string(path.join("samples.csv")).expect("a table").lines().count() - 1)
+        .sum();
+    assert_eq!(samples, 45_056);
+    let outcomes = cohort.attempts_with("outcome.json");
+    let of_worker = |path: &std::path::PathBuf| -> f64 {
+        let text = fs::read_to_string(path.join("outcome.json")).expect("an outcome");
+        serde_json::from_str::<Value>(&text).expect("JSON")["provenance"]["cpu_s"].as_f64().expect("a time")
+    };
+    let workers_s: f64 = outcomes.iter().map(of_worker).sum();
+    let names = cohort
+        .jobs()
+        .iter()
+        .map(|job| job.file_name().expect("a name").to_string_lossy().into_owned())
+        .collect::<Vec<_>>();
+    let accounted =
+        || cluster.slurm("sacct", &["-X", "-n", "-P", "-o", "TotalCPU,NodeList,State", "--name", &names.join(",")]);
+    cluster.wait("accounting", || accounted().lines().count() >= 4 && !accounted().contains("RUNNING"));
+    let rows = accounted();
+    let jobs_s: f64 = rows.lines().map(|row| seconds(row.split('|').next().unwrap_or_default())).sum();
+    let mut nodes: Vec<&str> = rows.lines().filter_map(|row| row.split('|').nth(1)).collect();
+    nodes.sort_unstable();
+    nodes.dedup();
+    let each_us = |s: f64| s * 1e6 / samples as f64;
+    println!(
+        "{samples} samples in {} jobs on nodes {nodes:?}, {} tasks, wall {wall_s:.1} s; processor time for each sample: workers' \
+         tasks {:.1} µs; jobs {:.1} µs; ticks with Slurm's commands, analysis and files {:.1} µs",
+        rows.lines().count(),
+        outcomes.len(),
+        each_us(workers_s),
+        each_us(jobs_s),
+        each_us(ticks_s),
+    );
+    assert_eq!(nodes.len(), 4, "{rows}");
+}
