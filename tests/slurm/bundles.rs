@@ -33,7 +33,7 @@ max_running = 1
 pub fn several_whole_nodes_in_one_job(cluster: &Cluster) {
     let cohort = Cohort::of(cluster, &["01-CoA", "02-CoA", "05-CoA"], QUICK)
         .set("solver.fidelity=finite-element")
-        .set("solver.finite_element.mesh_nodes=300")
+        .set("solver.finite_element.mesh_nodes=500")
         // Two places are filled before a further job is: patients of an hour would each have a node of their own.
         .set("executor.slurm.simulation_s=1");
     fs::write(cohort.site(), WHOLE_NODES).expect("a profile");

@@ -67,23 +67,28 @@ pub fn a_sensitivity_analysis_on_four_nodes(cluster: &Cluster) {
         .iter()
         .map(|job| job.file_name().expect("a name").to_string_lossy().into_owned())
         .collect::<Vec<_>>();
-    let accounted =
-        || cluster.slurm("sacct", &["-X", "-n", "-P", "-o", "TotalCPU,NodeList,State", "--name", &names.join(",")]);
-    cluster.wait("accounting", || accounted().lines().count() >= 4 && !accounted().contains("RUNNING"));
+    // Of steps: srun's, with driver and workers, and the script's.
+    let accounted = || {
+        let columns = ["-n", "-P", "-o", "JobID,TotalCPU,NodeList,State", "--name"];
+        let text = cluster.slurm("sacct", &[&columns[..], &[&names.join(",")]].concat());
+        let is_step = |row: &&str| row.split('|').next().is_some_and(|id| id.contains('.'));
+        text.lines().filter(is_step).map(str::to_owned).collect::<Vec<_>>()
+    };
+    cluster.wait("accounting", || accounted().len() >= 8 && accounted().iter().all(|row| row.contains("COMPLETED")));
     let rows = accounted();
-    let jobs_s: f64 = rows.lines().map(|row| seconds(row.split('|').next().unwrap_or_default())).sum();
-    let mut nodes: Vec<&str> = rows.lines().filter_map(|row| row.split('|').nth(1)).collect();
+    let jobs_s: f64 = rows.iter().map(|row| seconds(row.split('|').nth(1).unwrap_or_default())).sum();
+    let mut nodes: Vec<&str> = rows.iter().filter_map(|row| row.split('|').nth(2)).collect();
     nodes.sort_unstable();
     nodes.dedup();
     let each_us = |s: f64| s * 1e6 / samples as f64;
     println!(
-        "{samples} samples in {} jobs on nodes {nodes:?}, {} tasks, wall {wall_s:.1} s; processor time for each sample: workers' \
+        "{samples} samples in {} array of jobs on nodes {nodes:?}, {} tasks, wall {wall_s:.1} s; processor time for each sample: workers' \
          tasks {:.1} µs; jobs {:.1} µs; ticks with Slurm's commands, analysis and files {:.1} µs",
-        rows.lines().count(),
+        cohort.jobs().len(),
         outcomes.len(),
         each_us(workers_s),
         each_us(jobs_s),
         each_us(ticks_s),
     );
-    assert_eq!(nodes.len(), 4, "{rows}");
+    assert_eq!(nodes.len(), 4, "{rows:?}");
 }

@@ -6,9 +6,10 @@
 //! 1. Accounting names the job's own user, who is not root: a person. Where it names somebody else it is one, too, an
 //!    administrator, unless the job was cancelled as it started, as above: then it was Slurm.
 //! 2. Accounting has the job as cancelled and names nobody: Slurm.
-//! 3. Accounting has the job as alive or does not know it: it may lag, so it is asked again for a grace.
-//! 4. Then, and at once where there is no accounting, the job's own evidence counts: a job that never had a node, or whose
-//!    processes were asked to end (Slurm sends SIGTERM for `scancel`), was cancelled by a person.
+//! 3. Accounting has the job as alive, does not know it, or does not answer: it is asked again, for a grace or more.
+//! 4. Then, and at once where a site has no accounting, the job's own evidence counts: a job that never had a node, or whose
+//!    processes were asked to end, was cancelled by a person. Slurm sends SIGTERM for `scancel`, but a controller that lost its
+//!    state does, too, to what it does not know any more: hence the long wait for accounting where there is one.
 //! 5. Without any of these it was Slurm, once the grace is over.
 
 use crate::state::SlurmState;
@@ -36,7 +37,9 @@ pub struct OwnTraces {
     pub asked_to_end: bool,
     /// Who submitted it, by user id.
     pub uid: u32,
-    /// Whether the grace for what lags is over.
+    /// Whether the site has no accounting that could tell.
+    pub no_accounting: bool,
+    /// Whether the wait for what lags is over.
     pub waited: bool,
 }
 
@@ -62,7 +65,7 @@ pub fn by_whom(ended: &Ended, own: OwnTraces) -> Canceller {
         (_, Some(uid)) if uid == own.uid && uid != 0 => Canceller::Person,
         (_, Some(_)) if !at_its_start => Canceller::Person,
         (_, Some(_)) | (Accounting::Agrees, None) => Canceller::Slurm,
-        (Accounting::Silent, None) if person => Canceller::Person,
+        (Accounting::Silent, None) if person && own.no_accounting => Canceller::Person,
         _ if !own.waited => Canceller::Unclear,
         _ if person => Canceller::Person,
         _ => Canceller::Slurm,
@@ -96,12 +99,13 @@ mod tests {
     #[test]
     fn who_it_was_by_all_that_can_be_known() {
         let sources = [
-            (Accounting::Agrees, Some(OWN_UID)),
-            (Accounting::Agrees, Some(0)),
-            (Accounting::Agrees, None),
-            (Accounting::Disagrees, None),
-            (Accounting::Unaware, None),
-            (Accounting::Silent, None),
+            (Accounting::Agrees, Some(OWN_UID), false),
+            (Accounting::Agrees, Some(0), false),
+            (Accounting::Agrees, None, false),
+            (Accounting::Disagrees, None, false),
+            (Accounting::Unaware, None, false),
+            (Accounting::Silent, None, false),
+            (Accounting::Silent, None, true),
         ];
         let stories = [
             ("never had a node", None, false, false),
@@ -110,11 +114,13 @@ mod tests {
             ("its driver was asked to end", Some(9), true, true),
         ];
         let mut table = String::new();
-        for (accounting, by) in sources {
+        for (accounting, by, no_accounting) in sources {
             for (story, ran_s, began, asked_to_end) in stories {
                 let ended = cancelled(accounting, by, ran_s);
-                let who = |waited| by_whom(&ended, OwnTraces { began, asked_to_end, waited, uid: OWN_UID });
-                let source = format!("{accounting:?}{}", by.map(|uid| format!(", by {uid}")).unwrap_or_default());
+                let own = OwnTraces { began, asked_to_end, uid: OWN_UID, no_accounting, waited: false };
+                let who = |waited| by_whom(&ended, OwnTraces { waited, ..own });
+                let by = by.map(|uid| format!(", by {uid}")).unwrap_or_default();
+                let source = format!("{accounting:?}{by}{}", if no_accounting { ", none" } else { "" });
                 table += &format!("{source:<16} {story:<28} {:<8} {:?}\n", format!("{:?}", who(false)), who(true));
                 assert_ne!(who(true), Canceller::Unclear, "it is decided at last");
             }

@@ -273,7 +273,7 @@ mod tests {
         log_tail: "",
         we_cancelled: false,
         warned: false,
-        traces: OwnTraces { began: true, asked_to_end: false, uid: 1001, waited: false },
+        traces: OwnTraces { began: true, asked_to_end: false, uid: 1001, no_accounting: false, waited: false },
     };
     const BUDGETS: Budgets = Budgets { infrastructure: 2, science: 1, free: 5 };
 

@@ -54,6 +54,14 @@ pub enum NoAnswer {
     },
 }
 
+impl NoAnswer {
+    /// Whether `sacct` says that there is no accounting at all.
+    #[must_use]
+    pub fn says_no_accounting(&self) -> bool {
+        matches!(self, Self::Failed { said, .. } if said.contains("accounting storage is disabled"))
+    }
+}
+
 fn ended(exit: Exit) -> String {
     match exit {
         Exit::Code(code) => format!("exit code {code}"),

@@ -61,6 +61,8 @@ pub struct Cluster<S> {
     pub crash: CrashPoints,
     /// What the queue said in this tick.
     pub queue: Option<Table<QueueRow>>,
+    /// Whether the site said that it has no accounting.
+    pub no_accounting: bool,
     pub report: ClusterReport,
     pub submitted: u64,
     /// Names made by this process.
@@ -90,7 +92,7 @@ impl<S: Scheduler> Cluster<S> {
             report.charge_unit.clone_from(&site.charge_unit);
         }
         let (worker, program) = programs;
-        let (queue, submitted, names) = (None, 0, 0);
+        let (queue, no_accounting, submitted, names) = (None, false, 0, 0);
         Ok(Self {
             world,
             decider,
@@ -103,6 +105,7 @@ impl<S: Scheduler> Cluster<S> {
             events,
             crash,
             queue,
+            no_accounting,
             report,
             submitted,
             names,

@@ -8,7 +8,7 @@ use cardiotwin_schemas::failure::SiteCause;
 use cardiotwin_slurm::answers::accounting::{self, AccountingRow};
 use cardiotwin_slurm::answers::queue::{self, QueueRow};
 use cardiotwin_slurm::answers::{NoAnswer, Table};
-use cardiotwin_slurm::cancelled::OwnTraces;
+use cardiotwin_slurm::cancelled::{Accounting, OwnTraces};
 use cardiotwin_slurm::commands;
 use cardiotwin_slurm::failure::{Class, Evidence, classify, is_open};
 use cardiotwin_slurm::job::JobName;
@@ -91,6 +91,7 @@ impl<S: Scheduler> Cluster<S> {
                 Some(answer)
             }
             Err(error) => {
+                self.no_accounting |= error.says_no_accounting();
                 // Without accounting sacct never answers: the queue and the jobs themselves have to do.
                 if command.program == "squeue" {
                     self.report.no_answer = Some(error.to_string());
@@ -225,12 +226,20 @@ impl<S: Scheduler> Cluster<S> {
         let array_element = row.spec.is_array.then_some(element);
         let warned = (0..row.spec.n_nodes)
             .any(|node| folder.ended(element, node).is_some_and(|end| end.because == DriverEnding::OutOfTime));
+        // Of what never could start accounting may never hear; the rest it will tell, however late.
+        let graces = match ended.accounting {
+            Accounting::Disagrees | Accounting::Silent if !self.no_accounting => GRACES_OF_A_DISPUTE,
+            _ => 1,
+        };
         let traces = OwnTraces {
             began: (0..row.spec.n_nodes).any(|node| folder.started(element, node).is_some()),
             asked_to_end: (0..row.spec.n_nodes).any(|node| folder.was_asked_to_end(element, node)),
             uid: dispatch::own_uid(),
+            no_accounting: self.no_accounting,
             waited: match row.state.elements.get(element) {
-                Some(Element::Unknown { since_ms, .. }) => self.world.now_ms - since_ms > self.grace_ms(),
+                Some(Element::Unknown { since_ms, .. }) => {
+                    self.world.now_ms - since_ms > self.grace_ms().saturating_mul(graces)
+                }
                 _ => false,
             },
         };
