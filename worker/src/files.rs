@@ -5,6 +5,7 @@ use std::fs::{self, File, OpenOptions};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
+use cardiotwin_schemas::hash::hex;
 use sha2::{Digest as _, Sha256};
 
 /// Creates or replaces `path` with `content`; file and directory are on disk when this returns.
@@ -66,8 +67,7 @@ impl Hashed {
     /// Any error of the file system.
     pub fn finish(self) -> io::Result<(String, u64)> {
         self.file.into_inner().map_err(io::IntoInnerError::into_error)?.sync_all()?;
-        let hash = self.hash.finalize().iter().map(|byte| format!("{byte:02x}")).collect();
-        Ok((hash, self.bytes))
+        Ok((hex(&self.hash.finalize()), self.bytes))
     }
 }
 

@@ -19,6 +19,7 @@ pub mod finite_element;
 pub mod inputs;
 pub mod nodal;
 pub mod process;
+pub mod program;
 pub mod progress;
 pub mod provenance;
 pub mod run;

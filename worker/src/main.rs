@@ -4,24 +4,16 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use anyhow::Context as _;
-use cardiotwin_schemas::task::TaskSpec;
-use cardiotwin_worker::attempt::AttemptError;
 use cardiotwin_worker::bench;
 use cardiotwin_worker::benchmark::run_benchmark;
 use cardiotwin_worker::checkpoint::Checkpoints;
 use cardiotwin_worker::context::Context;
+use cardiotwin_worker::program::{code_of, log, make_folder, read_task, restarting};
 use cardiotwin_worker::provenance::VERSION_TEXT;
 use cardiotwin_worker::run::{run_attempt, simulate};
 use cardiotwin_worker::stop::StopFlag;
 use clap::{Parser, Subcommand, ValueEnum};
 use tracing::Level;
-
-/// Nothing was published, for a reason other than the two below.
-const EXIT_FAILED: u8 = 1;
-/// The attempt was claimed before.
-const EXIT_CLAIMED: u8 = 3;
-/// The attempt was revoked.
-const EXIT_FENCED: u8 = 4;
 
 #[derive(Parser)]
 #[command(name = "cardiotwin-worker", version = VERSION_TEXT, about = "Does one task of a cardiotwin run")]
@@ -133,12 +125,7 @@ fn main() -> ExitCode {
         Ok(code) => code,
         Err(error) => {
             eprintln!("error: {error:#}");
-            let code = match error.downcast_ref::<AttemptError>() {
-                Some(AttemptError::Claimed { .. }) => EXIT_CLAIMED,
-                Some(AttemptError::Fenced { .. }) => EXIT_FENCED,
-                _ => EXIT_FAILED,
-            };
-            ExitCode::from(code)
+            code_of(&error)
         }
     }
 }
@@ -152,18 +139,13 @@ fn execute(command: Command) -> anyhow::Result<ExitCode> {
         }
         Command::Simulate { spec, out, threads, instruction_set, vtu_every, restart, generation } => {
             log(Level::INFO);
-            let text = std::fs::read_to_string(&spec).with_context(|| format!("cannot read {}", spec.display()))?;
-            let task: TaskSpec = serde_json::from_str(&text)
-                .with_context(|| format!("{}: not the specification of a task", spec.display()))?;
-            std::fs::create_dir_all(&out).with_context(|| format!("cannot make {}", out.display()))?;
+            let task = read_task(&spec)?;
+            make_folder(&out)?;
             let instruction_set = serde_json::from_value(instruction_set.clone().into()).with_context(|| {
                 format!("--instruction-set {instruction_set}: expected auto, portable, avx2 or avx512")
             })?;
             let checkpoints = match restart {
-                Some(other) => {
-                    anyhow::ensure!(other.is_dir(), "--restart {}: no such directory", other.display());
-                    Checkpoints::restarting(&out, &other, generation)
-                }
+                Some(other) => restarting(&out, &other, generation)?,
                 None => Checkpoints::none(),
             };
             let stop = stop.clone();
@@ -246,9 +228,4 @@ fn execute(command: Command) -> anyhow::Result<ExitCode> {
         }
     }
     Ok(ExitCode::SUCCESS)
-}
-
-/// Log lines to stderr, which the coordinator keeps beside the outcome.
-fn log(level: Level) {
-    tracing_subscriber::fmt().with_writer(std::io::stderr).with_target(false).with_max_level(level).init();
 }

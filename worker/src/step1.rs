@@ -81,8 +81,8 @@ pub fn settings(bounds: &BTreeMap<String, [f64; 2]>, frozen: &[String], weights:
     Settings {
         bounds: bounds.iter().filter_map(bound).collect(),
         frozen: frozen.iter().filter_map(named).collect(),
-        weights: Biomarker::ALL.into_iter().fold(Weights::default(), |all, biomarker| {
-            weights.get(biomarker.key()).map_or(all, |weight| all.with(biomarker, *weight))
+        weights: weights.iter().fold(Weights::default(), |all, (name, weight)| {
+            Biomarker::named(name).map_or(all, |biomarker| all.with(biomarker, *weight))
         }),
         ..Settings::default()
     }

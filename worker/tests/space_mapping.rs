@@ -173,7 +173,7 @@ fn space_mapping_needs_fewer_simulations_than_the_fixed_point_for_every_patient(
 fn weights_lead_to_what_they_weigh() {
     let off = |patient: &Patient, key: &str| {
         let Outcome::Simulated(found) = patient.outcomes(4, true)[3] else { panic!() };
-        let biomarker = Biomarker::ALL.into_iter().find(|b| b.key() == key).unwrap();
+        let biomarker = Biomarker::named(key).unwrap();
         let clinical = step1::biomarkers(&patient.state.measured).get(biomarker).unwrap();
         (found.get(biomarker).unwrap() / clinical - 1.0).abs()
     };

@@ -94,8 +94,7 @@ pub fn settings(s: &Step1Settings, update: Update) -> Result<Settings, String> {
 
 fn weights(given: &BTreeMap<String, f64>) -> Result<Weights, String> {
     given.iter().try_fold(Weights::default(), |weights, (name, weight)| {
-        let found = Biomarker::ALL.into_iter().find(|biomarker| biomarker.key() == name);
-        let biomarker = found.ok_or_else(|| {
+        let biomarker = Biomarker::named(name).ok_or_else(|| {
             format!(
                 "step1.weights names biomarker {name}; expected one of {}",
                 Biomarker::ALL.map(Biomarker::key).join(", ")

@@ -9,7 +9,7 @@ mod common;
 
 use cardiotwin_electrophysiology::luo_rudy1991::paced::{Stimulus, paced, rest};
 use cardiotwin_electrophysiology::{Membrane, Parameters, ReactionEikonal, Settings, State, Tissue};
-use cardiotwin_mesh::eikonal::{Conduction, ENDOCARDIAL_SPEED, Site, Speeds, activation_ms};
+use cardiotwin_mesh::eikonal::{Conduction, Site, Speeds, activation_ms};
 use cardiotwin_mesh::ellipsoid::{EllipsoidSpec, generate};
 use cardiotwin_mesh::fibres::{Angles, Longitudinal, fields, frames};
 use cardiotwin_mesh::{TetMesh, tags};
@@ -155,12 +155,7 @@ fn heart(n_nodes: usize) -> Result<(TetMesh, Vec<f64>), Failure> {
     let muscle = &[tags::LEFT_VENTRICLE];
     let found = fields(&mesh, muscle, Longitudinal::FromBase)?;
     mesh.frames = frames(&mesh, muscle, &found, &Angles::default());
-    let conduction = Conduction {
-        speeds: Speeds::default(),
-        endocardial_speed: Some(ENDOCARDIAL_SPEED),
-        tags: muscle.to_vec(),
-        sites: made.shape.fascicles().to_vec(),
-    };
+    let conduction = Conduction::of_left_ventricle(&made.shape.fascicles());
     let times = activation_ms(&mesh, &conduction)?;
     Ok((mesh, times))
 }

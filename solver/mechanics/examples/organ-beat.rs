@@ -12,7 +12,7 @@ use cardiotwin_mechanics::organ::{
     VentricleParts, WallParameters,
 };
 use cardiotwin_mechanics::step::StepSettings;
-use cardiotwin_mesh::eikonal::{Conduction, ENDOCARDIAL_SPEED, Speeds, activation_ms};
+use cardiotwin_mesh::eikonal::{Conduction, activation_ms};
 use cardiotwin_mesh::ellipsoid::{EllipsoidSpec, generate};
 use cardiotwin_mesh::fibres::{Angles, Longitudinal, fields, frames};
 use cardiotwin_mesh::order::Renumbering;
@@ -52,12 +52,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let muscle = [tags::LEFT_VENTRICLE];
     let found = fields(&mesh, &muscle, Longitudinal::FromBase)?;
     mesh.frames = frames(&mesh, &muscle, &found, &Angles::default());
-    let conduction = Conduction {
-        speeds: Speeds::default(),
-        endocardial_speed: Some(ENDOCARDIAL_SPEED),
-        tags: muscle.to_vec(),
-        sites: made.shape.fascicles().to_vec(),
-    };
+    let conduction = Conduction::of_left_ventricle(&made.shape.fascicles());
     let times = activation_ms(&mesh, &conduction)?;
     let anatomy = Anatomy::of(&mesh, &muscle, kind)?;
     println!(

@@ -1,6 +1,6 @@
 //! Figures of `docs/mesh.md`: `cargo run --release -p cardiotwin-mesh --example mesh-figures`.
 
-use cardiotwin_mesh::eikonal::{Conduction, ENDOCARDIAL_SPEED, Speeds, activation_ms};
+use cardiotwin_mesh::eikonal::{Conduction, activation_ms};
 use cardiotwin_mesh::ellipsoid::{EllipsoidSpec, generate};
 use cardiotwin_mesh::fibres::{Angles, Longitudinal, fields, frames};
 use cardiotwin_mesh::order::{Renumbering, bandwidth};
@@ -26,12 +26,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         let found = fields(&mesh, muscle, Longitudinal::FromBase)?;
         mesh.frames = frames(&mesh, muscle, &found, &Angles::default());
         let ruling = begun.elapsed().as_secs_f64();
-        let conduction = Conduction {
-            speeds: Speeds::default(),
-            endocardial_speed: Some(ENDOCARDIAL_SPEED),
-            tags: muscle.to_vec(),
-            sites: made.shape.fascicles().to_vec(),
-        };
+        let conduction = Conduction::of_left_ventricle(&made.shape.fascicles());
         let begun = Instant::now();
         let times = activation_ms(&mesh, &conduction)?;
         let waving = begun.elapsed().as_secs_f64();

@@ -4,17 +4,17 @@ mod check;
 mod communicator;
 mod failure;
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::Arc;
 use std::time::Duration;
 
 use anyhow::Context as _;
-use cardiotwin_schemas::task::{AttemptSpec, TaskSpec};
-use cardiotwin_worker::attempt::AttemptError;
+use cardiotwin_schemas::task::AttemptSpec;
 use cardiotwin_worker::bench;
 use cardiotwin_worker::checkpoint::Checkpoints;
 use cardiotwin_worker::context::Context;
+use cardiotwin_worker::program::{EXIT_FAILED, code_of, log, make_folder, read, read_task, restarting};
 use cardiotwin_worker::provenance::VERSION_TEXT;
 use cardiotwin_worker::run::{run_attempt, simulate};
 use cardiotwin_worker::stop::StopFlag;
@@ -27,12 +27,6 @@ use tracing::Level;
 use communicator::MpiRank;
 use failure::Failures;
 
-/// Nothing was published, for a reason other than those below.
-const EXIT_FAILED: u8 = 1;
-/// The attempt was claimed before.
-const EXIT_CLAIMED: u8 = 3;
-/// The attempt was revoked.
-const EXIT_FENCED: u8 = 4;
 /// Other ranks than were asked for.
 const EXIT_RANKS: u8 = 5;
 
@@ -225,14 +219,6 @@ fn shared(ranks: &Ranks, n_ranks: usize, provided: Threading) -> anyhow::Result<
     Ok(parts / n_ranks)
 }
 
-fn code_of(error: &anyhow::Error) -> ExitCode {
-    ExitCode::from(match error.downcast_ref::<AttemptError>() {
-        Some(AttemptError::Claimed { .. }) => EXIT_CLAIMED,
-        Some(AttemptError::Fenced { .. }) => EXIT_FENCED,
-        _ => EXIT_FAILED,
-    })
-}
-
 /// Whether there are as many ranks as were asked for: under a launcher of another MPI every rank believes to be alone.
 fn expected(command: &Command, ranks: &Ranks, found: usize) -> anyhow::Result<()> {
     let said = std::env::var("CARDIOTWIN_RANKS").ok();
@@ -262,10 +248,6 @@ fn expected(command: &Command, ranks: &Ranks, found: usize) -> anyhow::Result<()
     Ok(())
 }
 
-fn read(file: &Path) -> anyhow::Result<String> {
-    std::fs::read_to_string(file).with_context(|| format!("cannot read {}", file.display()))
-}
-
 /// What rank 0 does; returns what went wrong where an outcome says so.
 fn lead(command: &Command, team: &Team, stop: &StopFlag) -> anyhow::Result<Option<String>> {
     let ending = match command {
@@ -275,14 +257,10 @@ fn lead(command: &Command, team: &Team, stop: &StopFlag) -> anyhow::Result<Optio
         }
         Command::Simulate { spec, out, vtu_every, checkpoint_every, restart, .. } => {
             log(Level::INFO);
-            let task: TaskSpec = serde_json::from_str(&read(spec)?)
-                .with_context(|| format!("{}: not the specification of a task", spec.display()))?;
-            std::fs::create_dir_all(out).with_context(|| format!("cannot make {}", out.display()))?;
+            let task = read_task(spec)?;
+            make_folder(out)?;
             let checkpoints = match restart {
-                Some(other) => {
-                    anyhow::ensure!(other.is_dir(), "--restart {}: no such directory", other.display());
-                    Checkpoints::restarting(out, other, None)
-                }
+                Some(other) => restarting(out, other, None)?,
                 None if *checkpoint_every > 0.0 => Checkpoints::writing(out),
                 None => Checkpoints::none(),
             };
@@ -310,9 +288,4 @@ fn lead(command: &Command, team: &Team, stop: &StopFlag) -> anyhow::Result<Optio
         Command::Check { .. } => unreachable!("all ranks check"),
     };
     Ok(Some(serde_json::to_string(&ending)?))
-}
-
-/// Log lines to stderr, which the coordinator keeps beside the outcome.
-fn log(level: Level) {
-    tracing_subscriber::fmt().with_writer(std::io::stderr).with_target(false).with_max_level(level).init();
 }

@@ -96,12 +96,12 @@ impl<S: Scheduler> Cluster<S> {
             }
         }
         let numbers = (!numbers.is_empty()).then(|| commands::cancel(&numbers));
-        let asks = !self.leaves_slurm_alone();
-        let mut done = asks;
-        let wishes = numbers.into_iter().chain(names.iter().map(commands::cancel_name));
-        for command in wishes.filter(|_| asks) {
-            self.report.commands += 1;
-            done &= self.scheduler.ask(&command).await.exit == Exit::Code(0);
+        let mut done = !self.leaves_slurm_alone();
+        if done {
+            for command in numbers.into_iter().chain(names.iter().map(commands::cancel_name)) {
+                self.report.commands += 1;
+                done &= self.scheduler.ask(&command).await.exit == Exit::Code(0);
+            }
         }
         for (id, job, element) in wanted {
             match done {

@@ -49,6 +49,12 @@ impl Biomarker {
         }
     }
 
+    /// The one of this key.
+    #[must_use]
+    pub fn named(key: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|biomarker| biomarker.key() == key)
+    }
+
     /// Whether it comes from a volume trace: absent in a personalisation to pressure alone.
     #[must_use]
     pub fn is_of_volume(self) -> bool {

@@ -1,6 +1,6 @@
 //! A generated heart and its circulation.
 
-use cardiotwin_mesh::eikonal::{Conduction, ENDOCARDIAL_SPEED, Speeds, activation_ms};
+use cardiotwin_mesh::eikonal::{Conduction, activation_ms};
 use cardiotwin_mesh::ellipsoid::{EllipsoidSpec, generate};
 use cardiotwin_mesh::fibres::{Angles, Longitudinal, fields, frames};
 use cardiotwin_mesh::{TetMesh, tags};
@@ -18,12 +18,7 @@ pub fn heart() -> (TetMesh, Vec<f64>) {
     let mut mesh = made.mesh;
     let found = fields(&mesh, &MUSCLE, Longitudinal::FromBase).expect("fields");
     mesh.frames = frames(&mesh, &MUSCLE, &found, &Angles::default());
-    let conduction = Conduction {
-        speeds: Speeds::default(),
-        endocardial_speed: Some(ENDOCARDIAL_SPEED),
-        tags: MUSCLE.to_vec(),
-        sites: made.shape.fascicles().to_vec(),
-    };
+    let conduction = Conduction::of_left_ventricle(&made.shape.fascicles());
     let times = activation_ms(&mesh, &conduction).expect("times");
     (mesh, times)
 }

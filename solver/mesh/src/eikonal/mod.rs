@@ -11,7 +11,7 @@
 mod update;
 
 use crate::adjacency::Adjacency;
-use crate::tet_mesh::{Frame, TetMesh, surface_names};
+use crate::tet_mesh::{Frame, TetMesh, surface_names, tags};
 use crate::vec3::{Vec3, distance, dot, norm, sub};
 use cardiotwin_units::Ms;
 use std::cmp::Reverse;
@@ -63,6 +63,19 @@ pub struct Conduction {
     pub tags: Vec<i32>,
     /// Where activation begins.
     pub sites: Vec<Site>,
+}
+
+impl Conduction {
+    /// Sinus rhythm of a left ventricle: the speeds that are assumed, in the wall and along its endocardium.
+    #[must_use]
+    pub fn of_left_ventricle(sites: &[Site]) -> Self {
+        Self {
+            speeds: Speeds::default(),
+            endocardial_speed: Some(ENDOCARDIAL_SPEED),
+            tags: vec![tags::LEFT_VENTRICLE],
+            sites: sites.to_vec(),
+        }
+    }
 }
 
 /// Why there are no activation times.

@@ -134,12 +134,7 @@ fn heart(n_nodes: usize) -> (TetMesh, crate::ellipsoid::Shape) {
 }
 
 fn sinus(shape: &crate::ellipsoid::Shape) -> Conduction {
-    Conduction {
-        speeds: Speeds::default(),
-        endocardial_speed: Some(ENDOCARDIAL_SPEED),
-        tags: vec![tags::LEFT_VENTRICLE],
-        sites: shape.fascicles().to_vec(),
-    }
+    Conduction::of_left_ventricle(&shape.fascicles())
 }
 
 #[test]

@@ -9,7 +9,7 @@ use cardiotwin_mechanics::organ::{
 };
 use cardiotwin_mechanics::step::StepSettings;
 use cardiotwin_mesh::TetMesh;
-use cardiotwin_mesh::eikonal::{Conduction, ENDOCARDIAL_SPEED, Speeds, activation_ms};
+use cardiotwin_mesh::eikonal::{Conduction, activation_ms};
 use cardiotwin_mesh::ellipsoid::{EllipsoidSpec, generate};
 use cardiotwin_mesh::fibres::{Angles, Longitudinal, fields, frames};
 use cardiotwin_mesh::order::Renumbering;
@@ -137,12 +137,7 @@ fn heart(nodes: usize, stop: &StopFlag) -> Result<(TetMesh, Vec<f64>), BenchErro
     let found = fields(&mesh, &muscle, Longitudinal::FromBase).map_err(failed("no fibres"))?;
     mesh.frames = frames(&mesh, &muscle, &found, &Angles::default());
     going_on(stop)?;
-    let conduction = Conduction {
-        speeds: Speeds::default(),
-        endocardial_speed: Some(ENDOCARDIAL_SPEED),
-        tags: muscle.to_vec(),
-        sites: made.shape.fascicles().to_vec(),
-    };
+    let conduction = Conduction::of_left_ventricle(&made.shape.fascicles());
     let times = activation_ms(&mesh, &conduction).map_err(failed("no activation"))?;
     going_on(stop)?;
     Ok((mesh, times))

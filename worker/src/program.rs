@@ -1,0 +1,66 @@
+//! What the programs `cardiotwin-worker` and `cardiotwin-worker-mpi` share: exit codes, log, reading of arguments' files.
+
+use std::path::Path;
+use std::process::ExitCode;
+
+use anyhow::Context as _;
+use cardiotwin_schemas::task::TaskSpec;
+use tracing::Level;
+
+use crate::attempt::AttemptError;
+use crate::checkpoint::Checkpoints;
+
+/// Exit code: nothing was published, for a reason other than the two below.
+pub const EXIT_FAILED: u8 = 1;
+/// Exit code: the attempt was claimed before.
+pub const EXIT_CLAIMED: u8 = 3;
+/// Exit code: the attempt was revoked.
+pub const EXIT_FENCED: u8 = 4;
+
+/// The exit code that tells why nothing was published.
+#[must_use]
+pub fn code_of(error: &anyhow::Error) -> ExitCode {
+    ExitCode::from(match error.downcast_ref::<AttemptError>() {
+        Some(AttemptError::Claimed { .. }) => EXIT_CLAIMED,
+        Some(AttemptError::Fenced { .. }) => EXIT_FENCED,
+        _ => EXIT_FAILED,
+    })
+}
+
+/// Log lines to stderr, which the coordinator keeps beside the outcome.
+pub fn log(level: Level) {
+    tracing_subscriber::fmt().with_writer(std::io::stderr).with_target(false).with_max_level(level).init();
+}
+
+/// A file's text.
+///
+/// # Errors
+/// Names the file that cannot be read.
+pub fn read(file: &Path) -> anyhow::Result<String> {
+    std::fs::read_to_string(file).with_context(|| format!("cannot read {}", file.display()))
+}
+
+/// The specification of a task.
+///
+/// # Errors
+/// Names the file that cannot be read, or holds something else.
+pub fn read_task(file: &Path) -> anyhow::Result<TaskSpec> {
+    serde_json::from_str(&read(file)?).with_context(|| format!("{}: not the specification of a task", file.display()))
+}
+
+/// Makes a folder for results.
+///
+/// # Errors
+/// Names the folder that cannot be made.
+pub fn make_folder(out: &Path) -> anyhow::Result<()> {
+    std::fs::create_dir_all(out).with_context(|| format!("cannot make {}", out.display()))
+}
+
+/// Checkpoints in `out` that go on from those of the folder `other`.
+///
+/// # Errors
+/// When `other` is no folder.
+pub fn restarting(out: &Path, other: &Path, generation: Option<u64>) -> anyhow::Result<Checkpoints> {
+    anyhow::ensure!(other.is_dir(), "--restart {}: no such directory", other.display());
+    Ok(Checkpoints::restarting(out, other, generation))
+}
