@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Installs what this machine lacks, and says what. Usage: deploy/deps.sh demo|test
 #   demo  what building and running needs: a C compiler and linker, CA certificates (cargo downloads crates)
-#   test  that, and what the tests need beyond: rustfmt, clippy, git, Chromium with a font (the report is looked at), Open MPI
+#   test  that, and what the tests need beyond: rustfmt, clippy, git, Chromium with a font (the report is looked at), Python, Open MPI
 #         and libclang (the worker on MPI ranks)
 # Where it may not install (no root, no sudo, no apt), it names what is missing, goes on with what is not needed for
 # the demo, and stops only at what is.
@@ -25,6 +25,7 @@ if [ "$purpose" = test ]; then
     have git || optional+=(git)
     any_of chromium chromium-browser google-chrome google-chrome-stable || optional+=(chromium)
     font_is_there || optional+=(fonts-dejavu-core)
+    have python3 || optional+=(python3) # the example of an external solver
     deploy/mpi-found.sh >/dev/null || optional+=(openmpi-bin libopenmpi-dev libclang-dev)
 fi
 

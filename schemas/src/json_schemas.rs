@@ -11,6 +11,7 @@ pub fn all() -> Vec<(&'static str, Schema)> {
         ("model.schema.json", schema_for!(crate::overlay::ModelOverlay)),
         ("spec.schema.json", schema_for!(crate::task::AttemptSpec)),
         ("outcome.schema.json", schema_for!(crate::outcome::TaskOutcome)),
+        ("external-parameters.schema.json", schema_for!(crate::external::ExternalParameters)),
         ("heart.schema.json", schema_for!(crate::heart::HeartSurface)),
         ("progress.schema.json", schema_for!(crate::progress::Progress)),
         ("claim.schema.json", schema_for!(crate::progress::Claim)),

@@ -8,6 +8,7 @@ pub mod allocation;
 pub mod biomarkers;
 pub mod cohort;
 pub mod discover;
+pub mod external;
 pub mod failure;
 pub mod finite_element;
 pub mod fit;

@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::external::ExternalOrgan;
 use crate::finite_element::FiniteElementOrgan;
 use crate::task::InputFile;
 
@@ -227,6 +228,8 @@ pub enum OrganSpec {
     },
     /// The 3D finite-element ventricle.
     FiniteElement(Box<FiniteElementOrgan>),
+    /// Whatever another solver simulates.
+    External(Box<ExternalOrgan>),
 }
 
 /// How many beats are simulated.

@@ -6,6 +6,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::biomarkers::Biomarkers;
+use crate::external::{ExternalOrgan, ExternalSettings};
 use crate::ids::PatientId;
 use crate::organ::{BeatCount, CirculationSpec, ContractionSpec, OrganSpec, Step1Parameters, ValveParameters};
 use crate::outcome::PassiveStateResult;
@@ -50,6 +51,9 @@ pub struct ResolvedPatient {
     /// Measured calcium transient, for `step2.calcium = "median-trace"`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub calcium: Option<InputFile>,
+    /// Files of an external solver, by the names that its command knows them by.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub external_files: Vec<InputFile>,
     /// Settings, all layers merged (executor included, which never enters a task's key).
     pub settings: Settings,
     /// Effects accepted for this patient.
@@ -97,13 +101,28 @@ impl ResolvedPatient {
             time_step_ms: solver.time_step_ms,
             shortest_step_ms: solver.shortest_step_ms,
             newton_iterations: if in_3d { solver.finite_element.newton_iterations } else { solver.newton_iterations },
-            organ: step0.organ.clone(),
+            organ: self.organ(step0),
             circulation: CirculationSpec { effects, ..step0.circulation.clone() },
             valves,
             contraction,
             beats,
             measured_end_diastolic_volume_ml: step0.measured.edv_ml,
             finite_element: in_3d.then(|| solver.finite_element.equations()),
+        }
+    }
+
+    /// What is simulated: step 0's organ, or another solver's in the same state.
+    fn organ(&self, step0: &PassiveStateResult) -> OrganSpec {
+        match (&step0.organ, self.settings.solver.fidelity) {
+            (OrganSpec::Reduced { passive, activation }, Fidelity::External) => {
+                OrganSpec::External(Box::new(ExternalOrgan {
+                    passive: *passive,
+                    activation: *activation,
+                    settings: ExternalSettings { files: BTreeMap::new(), ..self.settings.solver.external.clone() },
+                    files: self.external_files.clone(),
+                }))
+            }
+            (organ, _) => organ.clone(),
         }
     }
 
@@ -120,9 +139,10 @@ impl ResolvedPatient {
         let Settings { solver, step1, .. } = &self.settings;
         let contraction = ContractionSpec::Tanh { parameters: start.tanh };
         let beat = self.beat_spec(step0, contraction, start.valves, BeatCount::Fixed { n: solver.beats });
+        let newton_iterations = solver.newton_iterations;
         Step1ProposalSpec {
             // The one-fibre ventricle proposes, whichever is simulated.
-            beat: OrganBeatSpec { newton_iterations: solver.newton_iterations, finite_element: None, ..beat },
+            beat: OrganBeatSpec { organ: step0.organ.clone(), newton_iterations, finite_element: None, ..beat },
             measured: step0.measured,
             runs,
             bounds: step1.bounds.clone(),
@@ -165,6 +185,7 @@ impl ResolvedPatient {
             random_stream: None,
             step0,
             calcium: None,
+            external_files: Vec::new(),
             settings: Settings::default(),
             effects: Vec::new(),
         }

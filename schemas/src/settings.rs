@@ -6,6 +6,7 @@ use std::collections::BTreeMap;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::external::ExternalSettings;
 use crate::finite_element::FiniteElementSettings;
 use crate::organ::{RICE_PARAMETERS, TanhParameters, ValveParameters};
 
@@ -30,7 +31,7 @@ impl Settings {
     #[must_use]
     pub fn step1_update(&self) -> Update {
         match (self.step1.update, self.solver.fidelity) {
-            (Update::Auto, Fidelity::FiniteElement) => Update::SpaceMapping,
+            (Update::Auto, Fidelity::FiniteElement | Fidelity::External) => Update::SpaceMapping,
             (Update::Auto, Fidelity::Reduced) => Update::FixedPoint,
             (given, _) => given,
         }
@@ -45,6 +46,8 @@ pub enum Fidelity {
     Reduced,
     /// 3D finite-element ventricle, seconds to hours a beat.
     FiniteElement,
+    /// A solver that is not ours.
+    External,
 }
 
 /// Where a simulated beat starts (SPEC section 3).
@@ -75,6 +78,8 @@ pub struct SolverSettings {
     pub activation: ActivationSettings,
     /// The finite-element ventricle.
     pub finite_element: FiniteElementSettings,
+    /// The solver of `fidelity = "external"`.
+    pub external: ExternalSettings,
     /// Beats per simulation in step 1 and verification.
     pub beats: u32,
 }
@@ -89,6 +94,7 @@ impl Default for SolverSettings {
             start: StartMode::EndDiastole,
             activation: ActivationSettings::default(),
             finite_element: FiniteElementSettings::default(),
+            external: ExternalSettings::default(),
             beats: 1,
         }
     }

@@ -31,6 +31,7 @@ fn main() -> ExitCode {
             ..ExecutorSettings::default()
         },
         worker: (!in_process).then(|| PathBuf::from(executor)),
+        adopt_version: true,
         watch: false,
     };
     let runtime =

@@ -293,6 +293,7 @@ fn plan(printed: &Printed, id: &str) -> ResolvedPatient {
             guccione_c_kpa: None,
         },
         calcium: None,
+        external_files: Vec::new(),
         settings: Settings::default(),
         effects: Vec::new(),
     }

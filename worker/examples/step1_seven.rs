@@ -54,6 +54,7 @@ fn main() {
                 OrganSpec::Reduced { passive, activation } => {
                     format!("onset {:.1} ms, b {:.1}", activation.onset_ms, passive.exponent)
                 }
+                OrganSpec::External(_) => "another solver's".to_owned(),
                 OrganSpec::FiniteElement(organ) => format!("{:.2?}, {:.1?}", organ.figures, state.counters),
             };
             let (seconds, costs) = (begun.elapsed().as_secs_f64(), costs.join(" "));

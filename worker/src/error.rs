@@ -188,6 +188,17 @@ pub enum TaskError {
     /// Nothing can be proposed for step 1.
     #[error("nothing to simulate next: {0}")]
     NoProposal(&'static str),
+    /// The settings of an external solver make no sense.
+    #[error("solver.external: {0}")]
+    External(String),
+    /// An external solver cannot be started.
+    #[error("the external solver `{program}` cannot be started")]
+    ExternalStart {
+        /// The command's first word.
+        program: String,
+        /// Why.
+        source: io::Error,
+    },
     /// An artefact cannot be written.
     #[error("cannot write {file}")]
     Write {
@@ -229,6 +240,8 @@ impl TaskError {
             | Self::NoBounds { .. }
             | Self::UnknownWeight { .. }
             | Self::Target { .. }
+            | Self::External(_)
+            | Self::ExternalStart { .. }
             | Self::Design(_)
             | Self::Population(_)
             | Self::CalciumSamples(_)
@@ -276,6 +289,10 @@ impl TaskError {
             Self::NoMedian { .. } | Self::SimulatedTrace(_) => None,
             Self::NoProposal(_) => {
                 Some("rerun from step1 with other initial values, bounds or update = \"fixed-point\"")
+            }
+            Self::External(_) => Some("correct [solver.external] or the template"),
+            Self::ExternalStart { .. } => {
+                Some("correct solver.external.command, or PATH where workers run, then run again")
             }
             Self::NoBounds { .. } => Some("give it bounds in [step2.bounds]"),
             Self::UnknownWeight { .. } => Some("correct [step2.weights]"),

@@ -34,7 +34,7 @@ fn step0_spec() -> PassiveStateSpec {
 fn figures(state: &PassiveStateResult) -> VentricleFigures {
     match &state.organ {
         OrganSpec::FiniteElement(organ) => organ.figures,
-        OrganSpec::Reduced { .. } => panic!("another organ"),
+        OrganSpec::Reduced { .. } | OrganSpec::External(_) => panic!("another organ"),
     }
 }
 

@@ -46,7 +46,7 @@ fn figures(spec: &PassiveStateSpec, folder: &Path) -> VentricleFigures {
     std::fs::create_dir(folder).unwrap();
     match passive_state(spec, &mut Context::plain(folder, 1)).organ {
         OrganSpec::FiniteElement(organ) => organ.figures,
-        OrganSpec::Reduced { .. } => panic!("another organ"),
+        OrganSpec::Reduced { .. } | OrganSpec::External(_) => panic!("another organ"),
     }
 }
 

@@ -95,7 +95,7 @@ impl CliError {
             Self::Engine(EngineError::NoSpace { .. } | EngineError::Plan { .. }) => Exit::Store,
             Self::Engine(EngineError::Transition(_)) => Exit::Bug,
             Self::Engine(EngineError::Request { .. } | EngineError::OnCluster { .. }) | Self::Usage(_) => Exit::Usage,
-            Self::Engine(EngineError::Site { .. }) => Exit::Input,
+            Self::Engine(EngineError::Site { .. } | EngineError::OtherWorker { .. }) => Exit::Input,
             Self::Sweep(error) => sweep_exit(error),
             Self::Input { .. } | Self::Trace { .. } => Exit::Input,
             Self::Overlay(OverlayError::NothingAccepted { .. }) => Exit::Usage,

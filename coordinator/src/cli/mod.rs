@@ -25,8 +25,8 @@ pub use error::CliError;
 pub use exit::Exit;
 
 use commands::{
-    advance, backup, bench, cancel, check, compare, completions, config, discover, drive, explain, export, fit, init,
-    logs, man, plan, report, rerun, retry, run, schemas, show, simulate, status, sweep,
+    advance, backup, bench, cancel, check, compare, completions, config, discover, doctor, drive, explain, export, fit,
+    housekeeping, init, logs, man, plan, report, rerun, retry, run, schemas, show, simulate, status, sweep,
 };
 use logging::LogFormat;
 use talk::{ColourChoice, Talk};
@@ -78,6 +78,10 @@ enum Command {
     Report(report::ReportArgs),
     Export(export::ExportArgs),
     Backup(backup::BackupArgs),
+    Du(housekeeping::DuArgs),
+    Clean(housekeeping::CleanArgs),
+    Archive(housekeeping::ArchiveArgs),
+    Doctor(doctor::DoctorArgs),
     Discover(discover::DiscoverArgs),
     Fit(fit::FitArgs),
     Sweep(Box<sweep::SweepArgs>),
@@ -139,6 +143,10 @@ async fn execute(command: &Command, talk: &Talk) -> Result<Exit, CliError> {
         Command::Report(args) => report::execute(args, talk).await,
         Command::Export(args) => export::execute(args, talk).await,
         Command::Backup(args) => backup::execute(args, talk).await,
+        Command::Du(args) => housekeeping::du(args, talk).await,
+        Command::Clean(args) => housekeeping::clean(args, talk).await,
+        Command::Archive(args) => housekeeping::archive(args, talk).await,
+        Command::Doctor(args) => doctor::execute(args, talk).await,
         Command::Discover(args) => discover::execute(args, talk).await,
         Command::Fit(args) => fit::execute(args, talk),
         Command::Sweep(args) => sweep::execute(args, talk).await,

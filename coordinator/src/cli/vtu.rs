@@ -16,7 +16,10 @@ pub fn announcement(plan: &ResolvedPatient, every_ms: f64) -> Option<String> {
         return None;
     }
     if solver.fidelity != Fidelity::FiniteElement {
-        return Some("no VTU series: the reduced ventricle has no mesh (--fidelity finite-element)".to_owned());
+        return Some(
+            "no VTU series: only the finite-element ventricle has a mesh of ours (--fidelity finite-element)"
+                .to_owned(),
+        );
     }
     let every_ms = every_ms.max(solver.time_step_ms);
     let frames = (plan.step0.cycle_length_ms / every_ms + 1e-6).floor() + 1.0;
@@ -39,7 +42,7 @@ mod tests {
         let mut plan = ResolvedPatient::without_data("P1".into(), Workflow::Personalise);
         plan.settings.solver.fidelity = Fidelity::Reduced;
         assert_eq!(announcement(&plan, 0.0), None);
-        assert!(announcement(&plan, 10.0).unwrap().contains("no mesh"));
+        assert!(announcement(&plan, 10.0).unwrap().contains("no VTU series"));
         plan.settings.solver.fidelity = Fidelity::FiniteElement;
         plan.settings.solver.finite_element.mesh_nodes = 64_000;
         let said = announcement(&plan, 10.0).unwrap();

@@ -115,6 +115,7 @@ fn run_options(options: &BenchOptions) -> RunOptions {
         only: Vec::new(),
         executor: ExecutorSettings { kind, workers: options.workers, ..ExecutorSettings::default() },
         worker: options.worker.clone(),
+        adopt_version: true,
         watch: false,
     }
 }

@@ -51,6 +51,17 @@ pub enum EngineError {
         /// Where it was looked for.
         path: PathBuf,
     },
+    /// Another worker than the run began with.
+    #[error(
+        "this run began with the worker {began}, and this one is {found}: results of both would stand side by side; \
+         go on with the first, or say --adopt-version"
+    )]
+    OtherWorker {
+        /// Version and hash of the first.
+        began: String,
+        /// Version and hash of this one.
+        found: String,
+    },
     /// A defect of ours.
     #[error("a decision led nowhere")]
     Transition(#[from] IllegalTransition),

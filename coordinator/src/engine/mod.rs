@@ -39,6 +39,7 @@ mod driver;
 mod entries;
 mod error;
 mod events;
+mod housekeeping;
 mod leave;
 mod overlay;
 mod requests;
@@ -50,22 +51,25 @@ mod stop;
 #[cfg(test)]
 mod tests;
 mod watch;
+mod worker_identity;
 mod workflow;
 mod world;
 mod world_jobs;
 
-pub use crate::store::back_up;
 pub use crate::store::file_system::shared as shared_file_system;
 pub use crate::store::lock::{LockError, LockHolder};
 pub use crate::store::{
     AttemptRecord, EventRecord, JobRecord, LeafChange, MemberRecord, Reader, StepExplanation, StoreError,
 };
+pub use crate::store::{back_up, try_locks};
 pub use cluster::{
-    ClusterBenchOptions, ClusterBenchResult, PlannedRow, PlannedRun, TickCost, measure as measure_cluster, preview,
+    ClusterBenchOptions, ClusterBenchResult, PlannedRow, PlannedRun, QueueReport, SiteReport, TickCost, examine_site,
+    measure as measure_cluster, preview,
 };
 pub use driver::{DriverPlace, drive_here};
 pub use error::EngineError;
 pub use events::{EngineEvent, EventSender, PatientEnding, RunSummary};
+pub use housekeeping::{Archived, Class, Cleaned, DiskUsage, Usage, archive, clean, disk_usage};
 pub use step2::contraction;
 pub use stop::{StopLevel, StopSignal};
 
@@ -88,6 +92,8 @@ pub struct RunOptions {
     pub executor: ExecutorSettings,
     /// The worker's executable; `None`: `cardiotwin-worker` beside our own.
     pub worker: Option<PathBuf>,
+    /// Go on with this worker, though the run began with another.
+    pub adopt_version: bool,
     /// With a cluster: stay and tick until everything is over; else one tick.
     pub watch: bool,
 }
@@ -134,10 +140,11 @@ pub async fn run(options: RunOptions, events: EventSender, stop: StopSignal) -> 
         ExecutorKind::Local => {
             let worker = find_worker(options.worker.as_deref())?;
             let launcher = find_launcher(&options.executor.launcher, &worker)?;
-            drive(options, &run_dir, Local::new(worker, workers).with_launcher(launcher), events, stop).await
+            let local = Local::new(worker.clone(), workers).with_launcher(launcher);
+            drive(options, &run_dir, Some(&worker), local, events, stop).await
         }
         // As many as fit in a commit: there is no process to wait for.
-        ExecutorKind::InProcess => drive(options, &run_dir, InProcess::new(4096), events, stop).await,
+        ExecutorKind::InProcess => drive(options, &run_dir, None, InProcess::new(4096), events, stop).await,
         ExecutorKind::Slurm => unreachable!("taken above"),
     };
     drop(lock);
@@ -147,11 +154,15 @@ pub async fn run(options: RunOptions, events: EventSender, stop: StopSignal) -> 
 async fn drive<E: Executor>(
     options: RunOptions,
     run_dir: &Path,
+    worker: Option<&Path>,
     executor: E,
     events: EventSender,
     stop: StopSignal,
 ) -> Result<RunSummary, EngineError> {
     let (mut writer, mut world, decider) = open(&options, run_dir).await?;
+    if let Some(worker) = worker {
+        worker_identity::keep(&mut writer, &world, worker, options.adopt_version).await?;
+    }
     if !world.jobs.rows.is_empty() {
         let jobs = world.jobs.rows.values().map(|row| row.spec.elements.len()).sum::<usize>();
         return Err(EngineError::OnCluster { jobs: format!("{jobs} jobs") });
@@ -176,6 +187,7 @@ async fn tick<S: Scheduler>(
     let site = load_site(&options.executor.slurm)?;
     let mut opened = open(&options, &run_dir).await?;
     opened.0.under(lease);
+    worker_identity::keep(&mut opened.0, &opened.1, &programs.0, options.adopt_version).await?;
     let mut cluster = Cluster::new(opened, scheduler, site, options.executor, programs, events, crash).await?;
     cluster.begin()?;
     if options.watch {
@@ -203,6 +215,7 @@ pub async fn end_unwanted_jobs(run_dir: &Path, stop: StopSignal) -> Result<(), E
         only: Vec::new(),
         executor: ExecutorSettings::default(),
         worker: None,
+        adopt_version: true,
         watch: false,
     };
     let mut opened = open(&options, &run_dir).await?;

@@ -29,7 +29,7 @@ pub fn learned(world: &World, i: usize) -> Result<Option<ModelOverlay>, EngineEr
     let passive = match &step0.organ {
         OrganSpec::Reduced { passive, .. } => Some(*passive),
         // Its law is that of a mesh: it stays with step 0's artefact.
-        OrganSpec::FiniteElement(_) => None,
+        OrganSpec::FiniteElement(_) | OrganSpec::External(_) => None,
     };
     let fit = match chain.cell_fit.as_ref().and_then(result) {
         Some(TaskResult::CellFit(fit)) => Some(fit),

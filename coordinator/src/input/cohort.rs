@@ -102,7 +102,8 @@ pub fn load(directory: &Path, options: &Options, report: &mut Report) -> Option<
     let mut patients = Vec::new();
     for (id, folder) in folders.iter().filter(|(id, _)| options.only.is_empty() || options.only.contains(id)) {
         let overrides = options.overrides.get(id).map(|value| Layer::from_rerun(value, id, report));
-        let layers = Layers { defaults: &defaults, cohort: &cohort_layer, overrides, command_line: &command_line };
+        let cohort = &cohort_layer;
+        let layers = Layers { defaults: &defaults, cohort, overrides, command_line: &command_line, folder: directory };
         patients.extend(load_patient(id, folder, &file, layers, report));
     }
     same_ids(&patients, report);
@@ -136,7 +137,7 @@ pub fn load_alone(folder: &Path, report: &mut Report) -> Option<Patient> {
     };
     let nothing = Layer::default();
     let defaults = Layer::defaults();
-    let layers = Layers { defaults: &defaults, cohort: &nothing, overrides: None, command_line: &nothing };
+    let layers = Layers { defaults: &defaults, cohort: &nothing, overrides: None, command_line: &nothing, folder };
     load_patient(&id, folder, &file, layers, report).map(|(patient, _)| patient)
 }
 
@@ -145,6 +146,8 @@ struct Layers<'a> {
     cohort: &'a Layer,
     overrides: Option<Layer>,
     command_line: &'a Layer,
+    /// The cohort's.
+    folder: &'a Path,
 }
 
 /// A patient, and the id that stands in its file.
@@ -169,7 +172,7 @@ fn load_patient(
     let resolved = if report.has_error_of(id) {
         None
     } else {
-        resolve::resolve(&file, folder, &cohort.defaults, &settings.settings, overlay.as_ref(), report)
+        resolve::resolve(&file, (folder, layers.folder), &cohort.defaults, &settings.settings, overlay.as_ref(), report)
     };
     let lines = (document.file.clone(), lines(&document.root, ""));
     let named = file.id.clone();

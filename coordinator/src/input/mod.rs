@@ -6,6 +6,7 @@
 mod cohort;
 mod data;
 mod document;
+mod external;
 mod layers;
 mod nearest;
 mod patient;

@@ -8,6 +8,7 @@ use cardiotwin_schemas::settings::{
     CellFitSettings, ExecutorKind, STEP1_BIOMARKERS, STEP1_PARAMETERS, Settings, SolverSettings, Step1Settings,
 };
 
+use super::external;
 use super::nearest::nearest;
 
 /// Keys of [`CellFitSettings::weights`].
@@ -50,6 +51,7 @@ pub fn complaints(settings: &Settings) -> Vec<Complaint> {
     list.count("executor.site_retries", executor.site_retries, 0, 100);
     list.within("executor.vtu_every_ms", executor.vtu_every_ms, 0.0, 1e5);
     list.within("executor.hang_timeout_s", executor.hang_timeout_s, 0.0, 1e7);
+    list.0.extend(external::complaints(settings));
     list.0
 }
 

@@ -14,12 +14,13 @@ use cardiotwin_schemas::settings::Settings;
 use cardiotwin_schemas::task::{InputFile, PassiveStateSpec};
 use cardiotwin_signals::Problem;
 
+use super::external;
 use super::report::Report;
 
-/// Makes the plan of a patient. A file that cannot be read is a problem in `report`, and then there is no plan.
+/// Makes the plan of a patient, whose folder comes before its cohort's. A file that cannot be read is a problem in `report`, and then there is no plan.
 pub fn resolve(
     file: &PatientFile,
-    folder: &Path,
+    (folder, cohort_folder): (&Path, &Path),
     defaults: &PatientDefaults,
     settings: &Settings,
     overlay: Option<&ModelOverlay>,
@@ -37,6 +38,7 @@ pub fn resolve(
         None => None,
         Some(mesh) => Some(own_mesh(mesh, folder, &file.id, report)?),
     };
+    let external_files = external::files(settings, folder, cohort_folder, &file.id, report)?;
     let biomarkers = measured.biomarkers.unwrap_or_default();
     let step0 = PassiveStateSpec {
         cycle_length_ms: file.cycle_length_ms,
@@ -71,6 +73,7 @@ pub fn resolve(
         random_stream: None,
         step0,
         calcium,
+        external_files,
         settings: settings.clone(),
         effects: overlay.map_or_else(Vec::new, |o| o.effects.clone()),
     })

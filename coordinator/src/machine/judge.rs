@@ -95,6 +95,9 @@ fn passive_state(r: &PassiveStateResult) -> Result<(), Failure> {
             finite("activation onset", figures.onset_ms)?;
             finite("activation spread", figures.spread_ms)?;
         }
+        OrganSpec::External(_) => {
+            return Err(Failure::new(FailureClass::Bug, "step 0 made an organ of an external solver"));
+        }
     }
     biomarkers(&r.measured)
 }

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use cardiotwin_schemas::biomarkers::CellBiomarkers;
 use cardiotwin_schemas::finite_element::VentricleFigures;
-use cardiotwin_schemas::organ::OrganSpec;
+use cardiotwin_schemas::organ::{ActivationSpec, OneFibrePassive, OrganSpec};
 use cardiotwin_schemas::outcome::{CellFitResult, FittedParameter, OrganBeatResult};
 use cardiotwin_schemas::record::PatientRecord;
 use cardiotwin_schemas::settings::STEP1_PARAMETERS;
@@ -237,16 +237,8 @@ pub fn passive_and_loads(patient: &PatientRecord) -> Option<Markup> {
     let result = &patient.step0.as_ref()?.result;
     let load = &result.circulation;
     let mut rows = match &result.organ {
-        OrganSpec::Reduced { passive, activation } => vec![
-            ("wall volume", passive.wall_volume_ml, "mL", "wall_volume_mL"),
-            ("unloaded volume", passive.unloaded_volume_ml, "mL", "unloaded_volume_mL"),
-            ("end-diastolic volume", passive.end_diastolic_volume_ml, "mL", "end_diastolic_volume_mL"),
-            ("end-diastolic pressure", passive.end_diastolic_pressure_mmhg, "mmHg", "end_diastolic_pressure_mmHg"),
-            ("passive stiffness", passive.stiffness_kpa, "kPa", "stiffness_kPa"),
-            ("passive exponent", passive.exponent, "", "passive_exponent"),
-            ("activation onset", activation.onset_ms, "ms", "onset_ms"),
-            ("activation spread", activation.spread_ms, "ms", "spread_ms"),
-        ],
+        OrganSpec::Reduced { passive, activation } => one_fibre(passive, activation),
+        OrganSpec::External(organ) => one_fibre(&organ.passive, &organ.activation),
         OrganSpec::FiniteElement(organ) => finite_element(&organ.figures),
     };
     rows.extend([
@@ -300,8 +292,23 @@ pub fn passive_and_loads(patient: &PatientRecord) -> Option<Markup> {
     }))
 }
 
-/// Rows of a finite-element ventricle: name, value, unit, key.
-fn finite_element(figures: &VentricleFigures) -> Vec<(&'static str, f64, &'static str, &'static str)> {
+/// Name, value, unit, key.
+type Row = (&'static str, f64, &'static str, &'static str);
+
+fn one_fibre(passive: &OneFibrePassive, activation: &ActivationSpec) -> Vec<Row> {
+    vec![
+        ("wall volume", passive.wall_volume_ml, "mL", "wall_volume_mL"),
+        ("unloaded volume", passive.unloaded_volume_ml, "mL", "unloaded_volume_mL"),
+        ("end-diastolic volume", passive.end_diastolic_volume_ml, "mL", "end_diastolic_volume_mL"),
+        ("end-diastolic pressure", passive.end_diastolic_pressure_mmhg, "mmHg", "end_diastolic_pressure_mmHg"),
+        ("passive stiffness", passive.stiffness_kpa, "kPa", "stiffness_kPa"),
+        ("passive exponent", passive.exponent, "", "passive_exponent"),
+        ("activation onset", activation.onset_ms, "ms", "onset_ms"),
+        ("activation spread", activation.spread_ms, "ms", "spread_ms"),
+    ]
+}
+
+fn finite_element(figures: &VentricleFigures) -> Vec<Row> {
     vec![
         ("nodes of the mesh", figures.nodes as f64, "", "nodes"),
         ("tetrahedra", figures.elements as f64, "", "elements"),

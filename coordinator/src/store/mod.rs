@@ -21,6 +21,7 @@ pub mod steps;
 pub mod tasks;
 #[cfg(test)]
 mod tests;
+mod trial;
 mod view;
 mod writer;
 
@@ -30,5 +31,6 @@ pub use error::StoreError;
 pub use open::{DATABASE_FILE, SNAPSHOT_FILE, back_up};
 pub use reader::Reader;
 pub use record::MemberRecord;
+pub use trial::try_locks;
 pub use view::{AttemptRecord, EventRecord, LeafChange, StepExplanation, leaf_changes};
 pub use writer::{Loaded, Writer};

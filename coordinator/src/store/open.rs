@@ -61,6 +61,10 @@ pub async fn writable(run_dir: &Path, shared: bool) -> Result<SqliteConnection, 
     if format > 0 {
         check(&mut connection, &file).await?;
     }
+    if format > 0 && format < FORMAT {
+        // A migration that goes wrong leaves what was there before.
+        copy_to(&mut connection, &run_dir.join(format!("cardiotwin.format-{format}.db"))).await?;
+    }
     MIGRATIONS.run(&mut connection).await.map_err(|error| {
         let source = match error {
             sqlx::migrate::MigrateError::Execute(source) => source,

@@ -1,6 +1,6 @@
 //! What to simulate next in step 1: the one-fibre ventricle's optimum, corrected to the simulations so far.
 
-use cardiotwin_calibrate::fixed_point::{Outcome, Parameters};
+use cardiotwin_calibrate::fixed_point::{Biomarker, Outcome, Parameters};
 use cardiotwin_calibrate::space_mapping::{Problem, Proposal, Run, propose};
 use cardiotwin_models::ventricle::OneFibrePassive;
 use cardiotwin_models::ventricle::passive_state::DEFAULT_EXPONENT;
@@ -16,7 +16,7 @@ use crate::error::TaskError;
 use crate::step1;
 
 /// Biomarkers of the simulated organ over those of the one-fibre ventricle that are expected before any simulation: alike.
-const EXPECTED: [f64; 7] = [1.0; 7];
+const EXPECTED: [f64; Biomarker::ALL.len()] = [1.0; Biomarker::ALL.len()];
 
 /// Proposes.
 ///
@@ -76,6 +76,7 @@ fn with(beat: &OrganBeatSpec, p: &Step1Parameters) -> OrganBeatSpec {
 fn one_fibre(organ: &OrganSpec) -> Result<(organ::OneFibrePassive, ActivationSpec), TaskError> {
     match organ {
         OrganSpec::Reduced { passive, activation } => Ok((*passive, *activation)),
+        OrganSpec::External(organ) => Ok((organ.passive, organ.activation)),
         OrganSpec::FiniteElement(organ) => {
             let figures = &organ.figures;
             let law = OneFibrePassive::through(

@@ -93,7 +93,7 @@ pub fn beat_spec(
         time_step_ms: 1.0,
         shortest_step_ms: SolverSettings::default().shortest_step_ms,
         newton_iterations: match state.organ {
-            OrganSpec::Reduced { .. } => SolverSettings::default().newton_iterations,
+            OrganSpec::Reduced { .. } | OrganSpec::External(_) => SolverSettings::default().newton_iterations,
             OrganSpec::FiniteElement(_) => FiniteElementSettings::default().newton_iterations,
         },
         organ: state.organ.clone(),
@@ -103,7 +103,7 @@ pub fn beat_spec(
         beats: BeatCount::Fixed { n: 1 },
         measured_end_diastolic_volume_ml: state.measured.edv_ml,
         finite_element: match state.organ {
-            OrganSpec::Reduced { .. } => None,
+            OrganSpec::Reduced { .. } | OrganSpec::External(_) => None,
             OrganSpec::FiniteElement(_) => Some(FiniteElementSettings::default().equations()),
         },
     }

@@ -8,7 +8,7 @@ use crate::cli::error::CliError;
 use crate::cli::exit::Exit;
 use crate::cli::place::Place;
 use crate::cli::talk::{Talk, count};
-use crate::engine::{self, RunSummary, StopSignal};
+use crate::engine::{self, RunOptions, RunSummary, StopSignal};
 
 /// Bring a run on a cluster one step on: take up what jobs have done, decide, submit what follows, and end
 #[derive(Debug, Args)]
@@ -24,6 +24,9 @@ pub struct AdvanceArgs {
     /// The worker's executable [default: cardiotwin-worker beside this program]
     #[arg(long, value_name = "PATH")]
     worker: Option<std::path::PathBuf>,
+    /// Go on with this worker, though the run began with another version
+    #[arg(long)]
+    adopt_version: bool,
     /// One JSON object about this tick instead of the table
     #[arg(long)]
     json: bool,
@@ -50,6 +53,7 @@ struct Tick {
 pub async fn execute(args: &AdvanceArgs, talk: &Talk) -> Result<Exit, CliError> {
     let folders = args.place.folders();
     let options = load_for_cluster(&folders, &args.set, args.worker.as_deref(), talk)?;
+    let options = RunOptions { adopt_version: args.adopt_version, ..options };
     let stop =
         StopSignal::from_signals().map_err(|source| CliError::Io { what: "cannot listen to signals", source })?;
     let (events, _) = tokio::sync::mpsc::unbounded_channel();

@@ -73,6 +73,9 @@ pub struct RunArgs {
     /// The worker's executable [default: cardiotwin-worker beside this program]
     #[arg(long, value_name = "PATH")]
     worker: Option<PathBuf>,
+    /// Go on with this worker, though the run began with another version
+    #[arg(long)]
+    adopt_version: bool,
 }
 
 /// Runs.
@@ -94,6 +97,7 @@ pub async fn execute(args: &RunArgs, talk: &Talk) -> Result<Exit, CliError> {
     let options = RunOptions {
         only: args.patients.iter().map(|id| PatientId(id.clone())).collect(),
         watch: args.watch,
+        adopt_version: args.adopt_version,
         ..of_cohort(&cohort, &folders, args.worker.as_deref())
     };
     let stop =
@@ -132,6 +136,7 @@ fn of_cohort(cohort: &Cohort, folders: &Folders, worker: Option<&Path>) -> RunOp
         only: Vec::new(),
         executor: cohort.settings.settings.executor.clone(),
         worker: worker.map(Path::to_owned),
+        adopt_version: false,
         watch: false,
     }
 }

@@ -15,6 +15,8 @@ use crate::machine::task::Task;
 const ENOUGH: usize = 20;
 /// One thread's time of a beat of the finite-element ventricle, s for each node of the mesh (docs/benchmarks.md).
 const S_PER_NODE: f64 = 0.1;
+/// A beat of an external solver, before one was measured, s.
+const EXTERNAL_S: f64 = 3600.0;
 /// Iterations of step 1 that a patient is expected to need (SPEC section 5: two to four, and one more).
 const ITERATIONS: usize = 5;
 
@@ -46,6 +48,8 @@ impl Expectations {
         let guess = match plan.settings.solver.fidelity {
             _ if self.simulation_s > 0.0 => self.simulation_s,
             Fidelity::Reduced => 1.0,
+            // Nothing is known of it until the first has ended: `executor.slurm.simulation_s` says more.
+            Fidelity::External => EXTERNAL_S,
             Fidelity::FiniteElement => f64::from(mesh_size::nodes(plan)) * S_PER_NODE,
         };
         self.measured.get("organ-beat").copied().unwrap_or(guess)
@@ -59,6 +63,8 @@ impl Expectations {
         }
         match kind {
             "organ-beat" => self.beat_s(plan),
+            // Step 0 of an external solver is that of the reduced ventricle.
+            "passive-state" if plan.settings.solver.fidelity == Fidelity::External => 3.0,
             "passive-state" => 3.0 * self.beat_s(plan),
             "step1-proposal" | "cell-fit" | "cell-sweep" => 60.0,
             "discover" => 600.0,

@@ -10,6 +10,7 @@
 
 mod bench;
 mod breaker;
+mod examine;
 mod expect;
 mod follow;
 mod mesh_size;
@@ -41,6 +42,7 @@ use crate::store::Writer;
 pub use crate::store::cluster_jobs::{ClusterReport, REPORT};
 
 pub use bench::{ClusterBenchOptions, ClusterBenchResult, TickCost, cluster as measure};
+pub use examine::{QueueReport, SiteReport, examine_site};
 use expect::Expectations;
 pub use preview::{PlannedRow, PlannedRun, preview};
 pub use profile::load_site;

@@ -162,7 +162,7 @@ pub fn plan_jobs(
     let mut groups: BTreeMap<Like, Vec<usize>> = BTreeMap::new();
     for &i in patients {
         let plan = world.plan(i)?;
-        let in_3d = plan.workflow == Workflow::Personalise && plan.settings.solver.fidelity == Fidelity::FiniteElement;
+        let in_3d = plan.workflow == Workflow::Personalise && plan.settings.solver.fidelity != Fidelity::Reduced;
         let Allotment { memory_mib, lanes, exclude, .. } = world.jobs.allotment(world.patients[i].row.id);
         let threads = cores::threads_in_job(settings, &plan.settings.solver, mesh_size::nodes(plan), site.node.cores);
         let like = Like { in_3d, threads, memory_mib, lanes, exclude };

@@ -65,11 +65,12 @@ impl Bench {
             only: vec![],
             executor: ExecutorSettings::default(),
             worker: None,
+            adopt_version: false,
             watch: false,
         };
         self.script(|s| s.submitted.clear());
         let (_lock, run_dir) = enter(self.path()).unwrap();
-        let summary = drive(options, &run_dir, Scripted::new(&self.script), events, stop).await.unwrap();
+        let summary = drive(options, &run_dir, None, Scripted::new(&self.script), events, stop).await.unwrap();
         (summary, self.script.lock().unwrap().submitted.clone())
     }
 

@@ -3,6 +3,7 @@
 //! Artefacts: `traces.csv` (pressures, volume, flows) and `nodal.csv` (see [`crate::nodal`]). A simulation that cannot go
 //! on leaves its traces up to there.
 
+mod external;
 mod finite_element;
 mod potentials;
 
@@ -42,7 +43,7 @@ const PERIODIC_CHANGE: f64 = 0.1;
 /// [`TaskError`] when the specification is outside the models or does not belong to the ventricle's file.
 pub(crate) fn serve(spec: &OrganBeatSpec, about: &About, team: &Team) -> Result<(), TaskError> {
     match &spec.organ {
-        OrganSpec::Reduced { .. } => Ok(()),
+        OrganSpec::Reduced { .. } | OrganSpec::External(_) => Ok(()),
         OrganSpec::FiniteElement(organ) => finite_element::serve(spec, organ, about, team),
     }
 }
@@ -61,6 +62,7 @@ pub fn run(spec: &OrganBeatSpec, context: &mut Context) -> Result<Ending, TaskEr
             ending(spec, outcome, BTreeMap::new(), None, context)
         }
         OrganSpec::FiniteElement(organ) => finite_element::run(spec, organ, context),
+        OrganSpec::External(organ) => external::run(spec, organ, context),
     }
 }
 

@@ -47,6 +47,7 @@ pub async fn run(args: &DiscoverArgs, source: &Source, talk: &Talk) -> Result<En
         only: Vec::new(),
         executor: executor(args.jobs, source.patients.len()),
         worker: args.worker.clone(),
+        adopt_version: true,
         watch: false,
     };
     let summary = drive(options, "patients", talk).await?;

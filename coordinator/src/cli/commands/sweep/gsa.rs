@@ -137,6 +137,7 @@ pub async fn execute(args: &GsaArgs, talk: &Talk) -> Result<Exit, CliError> {
         only: Vec::new(),
         executor,
         worker: args.worker.clone(),
+        adopt_version: true,
         watch: args.cluster.watch,
     };
     let summary = drive(options, "chunks", talk).await?;

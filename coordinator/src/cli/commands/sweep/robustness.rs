@@ -290,6 +290,7 @@ async fn run(
         only: Vec::new(),
         executor,
         worker: args.worker.clone(),
+        adopt_version: true,
         watch: args.cluster.watch,
     };
     drive(options, "personalisations", talk).await

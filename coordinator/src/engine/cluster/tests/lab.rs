@@ -178,6 +178,7 @@ impl Lab {
                 ..ExecutorSettings::default()
             },
             worker: None,
+            adopt_version: true,
             watch: false,
         };
         let crash = crash.map_or_else(CrashPoints::default, CrashPoints::ending_at);

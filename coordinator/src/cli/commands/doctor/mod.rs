@@ -1,0 +1,121 @@
+//! `cardiotwin doctor`: whether this machine, file system and site can run cohorts.
+
+mod disk;
+mod finding;
+mod machine;
+mod programs;
+
+use std::path::PathBuf;
+
+use cardiotwin_schemas::settings::SlurmSettings;
+use clap::Args;
+use serde::Serialize;
+
+use crate::cli::error::CliError;
+use crate::cli::exit::Exit;
+use crate::cli::place::Place;
+use crate::cli::table::Columns;
+use crate::cli::talk::{Talk, Tone, count};
+use crate::engine;
+use finding::{Finding, Level};
+
+/// Whether this machine, file system and site can run cohorts; what to do where they can't
+#[derive(Debug, Args)]
+#[command(after_help = "Exit code 1 where something would make runs fail.")]
+pub struct DoctorArgs {
+    #[command(flatten)]
+    place: Place,
+    /// Look at the cluster with this profile, too: generic, archer2, laptop, or a file
+    #[arg(long, value_name = "NAME")]
+    site: Option<String>,
+    /// Account for the cluster's jobs
+    #[arg(long, value_name = "NAME", requires = "site")]
+    account: Option<String>,
+    /// One JSON object instead of the table
+    #[arg(long)]
+    json: bool,
+    /// The worker's executable [default: cardiotwin-worker beside this program]
+    #[arg(long, value_name = "PATH")]
+    worker: Option<PathBuf>,
+}
+
+#[derive(Serialize)]
+struct Answer<'a> {
+    schema_version: u32,
+    version: &'static str,
+    findings: &'a [Finding],
+}
+
+/// Looks at everything.
+///
+/// # Errors
+/// When stdout cannot be written.
+pub async fn execute(args: &DoctorArgs, talk: &Talk) -> Result<Exit, CliError> {
+    let folders = args.place.folders();
+    let mut findings = machine::look();
+    findings.extend(programs::look(args.worker.as_deref()));
+    findings.extend(disk::look(&folders.run).await);
+    findings.extend(cluster(args).await);
+    let worst = findings.iter().filter(|finding| finding.level == Level::Error).count();
+    if args.json {
+        let version = env!("CARGO_PKG_VERSION");
+        talk.json(&Answer { schema_version: cardiotwin_schemas::SCHEMA_VERSION, version, findings: &findings })?;
+    } else {
+        talk.data(&table(&findings, talk))?;
+        let doubtful = findings.iter().filter(|finding| finding.level == Level::Warning).count();
+        talk.say(&format!("{}, {}", count(worst, "error"), count(doubtful, "warning")));
+    }
+    Ok(if worst > 0 { Exit::Problems } else { Exit::Ok })
+}
+
+fn table(findings: &[Finding], talk: &Talk) -> String {
+    let mut table = Columns::new(talk, &["CHECK", "RESULT", "FOUND"]);
+    for finding in findings {
+        let tone = match finding.level {
+            Level::Ok => Tone::Good,
+            Level::Note => Tone::Quiet,
+            Level::Warning => Tone::Doubtful,
+            Level::Error => Tone::Bad,
+        };
+        let result = (finding.level.as_str().to_owned(), Some(tone));
+        table.toned([(finding.check.to_owned(), None), result, (finding.found.clone(), None)]);
+        if !finding.remedy.is_empty() {
+            table.row(["", "", &format!("→ {}", finding.remedy)]);
+        }
+    }
+    table.text()
+}
+
+/// Slurm: what the profile and the site itself say.
+async fn cluster(args: &DoctorArgs) -> Vec<Finding> {
+    let Some(site) = &args.site else {
+        let remedy = "--site NAME looks at a cluster with that profile";
+        return vec![Finding::bad("cluster", Level::Note, "not looked at", remedy)];
+    };
+    let settings = SlurmSettings { site: site.clone(), account: args.account.clone(), ..SlurmSettings::default() };
+    let told = match engine::examine_site(&settings).await {
+        Ok(told) => told,
+        Err(error) => {
+            let level = if site == "laptop" { Level::Note } else { Level::Error };
+            return vec![Finding::bad("cluster", level, error.to_string(), "correct the profile or the option")];
+        }
+    };
+    let mut found = vec![];
+    if let Some(silent) = told.silent {
+        let remedy = "load Slurm's module or run this on a login node; limits below are the profile's alone";
+        found.push(Finding::bad("Slurm", Level::Error, silent, remedy));
+    } else {
+        found.push(Finding::ok("Slurm", told.version));
+    }
+    found.extend(told.remarks.into_iter().map(|remark| Finding::ok("Slurm's limits", remark)));
+    for queue in told.queues {
+        let line = format!("{}: {}", queue.name, queue.limits);
+        found.push(match queue.missing {
+            None => Finding::ok("queue", line),
+            Some(missing) => {
+                Finding::bad("queue", Level::Warning, format!("{line}; {missing}"), "correct [[queue]] of the profile")
+            }
+        });
+    }
+    found
+}

@@ -1,0 +1,135 @@
+//! `cardiotwin du`, `clean` and `archive`: what a run's files take, removing what nobody needs, a copy elsewhere.
+
+use std::path::PathBuf;
+
+use clap::Args;
+
+use crate::cli::error::CliError;
+use crate::cli::exit::Exit;
+use crate::cli::place::Place;
+use crate::cli::table::Columns;
+use crate::cli::talk::{Talk, count};
+use crate::engine::{self, Class, Usage};
+
+/// What a run's files take, by what they are for and how long they are kept
+#[derive(Debug, Args)]
+pub struct DuArgs {
+    #[command(flatten)]
+    place: Place,
+    /// One JSON object instead of the table
+    #[arg(long)]
+    json: bool,
+}
+
+/// Remove checkpoints and working folders of finished tasks; never what a rerun, the report or provenance needs
+#[derive(Debug, Args)]
+#[command(after_help = "Refused while a coordinator works on the run. `cardiotwin du` shows what would go.")]
+pub struct CleanArgs {
+    #[command(flatten)]
+    place: Place,
+    /// Say what would be removed, and remove nothing
+    #[arg(long)]
+    dry_run: bool,
+    /// VTU series, too
+    #[arg(long)]
+    series: bool,
+    /// One JSON object instead of the table
+    #[arg(long)]
+    json: bool,
+}
+
+/// Copy a run without its scratch to another folder, check every file, and write their hashes
+#[derive(Debug, Args)]
+#[command(
+    after_help = "The copy is a run: `status`, `show` and `report` read it. `sha256sum --check SHA256SUMS` checks it later."
+)]
+pub struct ArchiveArgs {
+    #[command(flatten)]
+    place: Place,
+    /// Folder of the copy; must not be there
+    #[arg(long, value_name = "DIR")]
+    to: PathBuf,
+    /// VTU series, too
+    #[arg(long)]
+    series: bool,
+    /// One JSON object instead of a sentence
+    #[arg(long)]
+    json: bool,
+}
+
+/// Measures.
+///
+/// # Errors
+/// The engine's.
+pub async fn du(args: &DuArgs, talk: &Talk) -> Result<Exit, CliError> {
+    let folders = args.place.folders();
+    let usage = engine::disk_usage(&folders.run).await?;
+    if args.json {
+        talk.json(&usage)?;
+        return Ok(Exit::Ok);
+    }
+    let of = |class: Class| usage.classes.get(&class).copied().unwrap_or_default();
+    let rows: Vec<(Class, Usage)> = Class::ALL.into_iter().map(|class| (class, of(class))).collect();
+    talk.data(&table(talk, &rows))?;
+    let (plain, series) = (usage.removable, usage.removable_with_series);
+    talk.say(&format!("`cardiotwin clean` would free {}, with --series {}", size(plain.bytes), size(series.bytes)));
+    Ok(Exit::Ok)
+}
+
+/// Cleans.
+///
+/// # Errors
+/// The engine's.
+pub async fn clean(args: &CleanArgs, talk: &Talk) -> Result<Exit, CliError> {
+    let folders = args.place.folders();
+    let cleaned = engine::clean(&folders.run, args.series, args.dry_run).await?;
+    if args.json {
+        talk.json(&cleaned)?;
+        return Ok(Exit::Ok);
+    }
+    let rows: Vec<(Class, Usage)> = cleaned.classes.iter().map(|(class, usage)| (*class, *usage)).collect();
+    if !rows.is_empty() {
+        talk.data(&table(talk, &rows))?;
+    }
+    let bytes = rows.iter().map(|(_, usage)| usage.bytes).sum();
+    let (would, files) = (if args.dry_run { "would be " } else { "" }, count(cleaned.files.len(), "file"));
+    talk.say(&format!("{files}, {}: {would}removed", size(bytes)));
+    Ok(Exit::Ok)
+}
+
+/// Archives.
+///
+/// # Errors
+/// The engine's.
+pub async fn archive(args: &ArchiveArgs, talk: &Talk) -> Result<Exit, CliError> {
+    let folders = args.place.folders();
+    let done = engine::archive(&folders.run, &args.to, args.series).await?;
+    if args.json {
+        talk.json(&done)?;
+    } else {
+        let (to, files) = (args.to.display(), count(done.copied.files as usize, "file"));
+        let (copied, left) = (size(done.copied.bytes), size(done.left.bytes));
+        talk.data(&format!("{to}: {files}, {copied}, each checked; {left} of scratch left behind\n"))?;
+    }
+    Ok(Exit::Ok)
+}
+
+fn table(talk: &Talk, rows: &[(Class, Usage)]) -> String {
+    let mut table = Columns::new(talk, &["CLASS", ">FILES", ">SIZE", "WHAT"]);
+    for (class, usage) in rows {
+        let cells = [class.as_str().to_owned(), usage.files.to_string(), size(usage.bytes)];
+        table.row(cells.into_iter().chain([class.meaning().to_owned()]));
+    }
+    table.text()
+}
+
+/// Bytes for people.
+fn size(bytes: u64) -> String {
+    let bytes = bytes as f64;
+    match bytes {
+        _ if bytes < 1e3 => format!("{bytes:.0} B"),
+        _ if bytes < 1e6 => format!("{:.1} kB", 1e-3 * bytes),
+        _ if bytes < 1e9 => format!("{:.1} MB", 1e-6 * bytes),
+        _ => format!("{:.2} GB", 1e-9 * bytes),
+    }
+}

@@ -1,0 +1,193 @@
+//! What a file of a run is for, and so how long it is kept. Pure.
+
+use std::collections::HashSet;
+use std::path::{Component, Path};
+
+use serde::Serialize;
+
+/// What a file is for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Class {
+    /// The run's database with its snapshot and log.
+    Database,
+    /// What was asked, who did it, how it ended: provenance.
+    Record,
+    /// What was computed: a rerun, the report and later tasks read it.
+    Results,
+    /// Scripts and logs of a cluster's jobs.
+    Jobs,
+    /// The report, what was learned, tables.
+    Report,
+    /// Series of VTU files: made on request, read by nothing of ours.
+    Series,
+    /// Checkpoints and working folders.
+    Scratch,
+    /// In a folder of the run, and none of ours.
+    Unknown,
+}
+
+impl Class {
+    /// All, in the order of tables.
+    pub const ALL: [Self; 8] = [
+        Self::Database,
+        Self::Record,
+        Self::Results,
+        Self::Jobs,
+        Self::Report,
+        Self::Series,
+        Self::Scratch,
+        Self::Unknown,
+    ];
+
+    /// As in tables.
+    #[must_use]
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Database => "database",
+            Self::Record => "record",
+            Self::Results => "results",
+            Self::Jobs => "jobs",
+            Self::Report => "report",
+            Self::Series => "series",
+            Self::Scratch => "scratch",
+            Self::Unknown => "unknown",
+        }
+    }
+
+    /// What it is for, and how long it is kept.
+    #[must_use]
+    pub fn meaning(self) -> &'static str {
+        match self {
+            Self::Database => "the run's books; kept",
+            Self::Record => "what was asked, who did it, how it ended; kept",
+            Self::Results => "traces, fits, meshes: read by reruns and the report; kept",
+            Self::Jobs => "scripts and logs of a cluster's jobs; kept",
+            Self::Report => "report, models, tables; kept",
+            Self::Series => "VTU series; `clean --series` removes them",
+            Self::Scratch => "checkpoints and working folders; `clean` removes those of finished tasks",
+            Self::Unknown => "not ours; never touched",
+        }
+    }
+}
+
+/// How an attempt's task stands.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Standing {
+    /// The database knows no such task.
+    Foreign,
+    /// Somebody may be at work on it.
+    InUse,
+    /// Over, but its task has no result yet: the next try goes on from its checkpoints.
+    Unsettled,
+    /// Its task has a result.
+    Settled,
+}
+
+/// Files of an attempt that are its record.
+const RECORD: [&str; 10] = [
+    "spec.json",
+    "started.json",
+    "outcome.json",
+    "allocation.json",
+    "fence",
+    "stderr.log",
+    "progress.jsonl",
+    "rank-failure.json",
+    "external/external.log",
+    "external/parameters.json",
+];
+
+/// What a file of an attempt is for.
+///
+/// - `file`: relative to the attempt's directory
+/// - `artefacts`: files that its outcome names
+#[must_use]
+pub fn of_attempt(file: &Path, artefacts: &HashSet<String>) -> Class {
+    let name = file.to_string_lossy();
+    match first(file) {
+        "vtu" => Class::Series,
+        _ if RECORD.contains(&&*name) || name == "external/parameters.toml" => Class::Record,
+        _ if artefacts.contains(&*name) => Class::Results,
+        _ => Class::Scratch,
+    }
+}
+
+/// What a file of a run outside of attempts is for; `file` relative to the run's folder.
+#[must_use]
+pub fn of_run(file: &Path) -> Class {
+    let name = file.to_string_lossy();
+    match first(file) {
+        "slurm" => Class::Jobs,
+        "models" | "results" | "tables" => Class::Report,
+        "lease" => Class::Record,
+        _ if name == "coordinator.lock" => Class::Record,
+        _ if name.starts_with("cardiotwin.") => Class::Database,
+        _ if name == "report.html" => Class::Report,
+        _ => Class::Unknown,
+    }
+}
+
+fn first(file: &Path) -> &str {
+    match file.components().next() {
+        Some(Component::Normal(name)) => name.to_str().unwrap_or_default(),
+        _ => "",
+    }
+}
+
+/// Whether `clean` may remove a file of an attempt.
+#[must_use]
+pub fn is_removable(class: Class, standing: Standing, with_series: bool) -> bool {
+    standing == Standing::Settled && (class == Class::Scratch || (with_series && class == Class::Series))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    #[test]
+    fn files_are_known_by_their_names() {
+        let artefacts = HashSet::from(["traces.csv".to_owned(), "vtu/beat.pvd".to_owned()]);
+        for (file, class) in [
+            ("spec.json", Class::Record),
+            ("traces.csv", Class::Results),
+            ("nodal.csv", Class::Scratch),
+            ("checkpoint/beat.bin", Class::Scratch),
+            ("vtu/beat.pvd", Class::Series),
+            ("external/external.log", Class::Record),
+            ("external/traces.csv", Class::Scratch),
+        ] {
+            assert_eq!(of_attempt(Path::new(file), &artefacts), class, "{file}");
+        }
+        for (file, class) in [
+            ("cardiotwin.db-wal", Class::Database),
+            ("slurm/ct-1/job.sh", Class::Jobs),
+            ("report.html", Class::Report),
+            ("notes.txt", Class::Unknown),
+        ] {
+            assert_eq!(of_run(Path::new(file)), class, "{file}");
+        }
+    }
+
+    proptest! {
+        /// Whatever an attempt left and however its task stands: records, results and checkpoints that a next try needs stay.
+        #[test]
+        fn nothing_is_removed_that_somebody_needs(
+            names in proptest::collection::vec("(checkpoint/|external/|vtu/|)[a-z]{1,6}(\\.csv|\\.json|\\.bin|)", 0..12),
+            named in proptest::collection::vec(any::<bool>(), 12),
+            standing in prop_oneof![Just(Standing::Foreign), Just(Standing::InUse), Just(Standing::Unsettled), Just(Standing::Settled)],
+            with_series in any::<bool>(),
+        ) {
+            let artefacts: HashSet<String> =
+                names.iter().zip(&named).filter(|(name, named)| **named && !name.starts_with("vtu/")).map(|(name, _)| name.clone()).collect();
+            for name in names.iter().map(String::as_str).chain(RECORD) {
+                let class = of_attempt(Path::new(name), &artefacts);
+                let removed = is_removable(class, standing, with_series);
+                prop_assert!(!(removed && (artefacts.contains(name) || RECORD.contains(&name))), "{name} was needed");
+                prop_assert!(!(removed && standing != Standing::Settled), "{name} of {standing:?}");
+                prop_assert!(!(removed && name.starts_with("vtu/") && !with_series), "{name} was not asked for");
+            }
+        }
+    }
+}

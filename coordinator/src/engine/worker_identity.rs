@@ -1,0 +1,63 @@
+//! A run keeps the worker that it began with: results of two versions in one cohort would not be comparable without a word.
+
+use std::path::Path;
+use std::process::{Command, Stdio};
+
+use cardiotwin_schemas::hash::sha256_hex;
+
+use super::EngineError;
+use super::world::World;
+use crate::machine::task::Task;
+use crate::store::Writer;
+
+/// Keys among the single values.
+const VERSION: &str = "worker_version";
+const SHA256: &str = "worker_sha256";
+
+/// Records the worker where the run has none yet, and refuses another one while there is something left to do.
+///
+/// - `adopts`: go on with this worker, whatever it is
+///
+/// # Errors
+/// [`EngineError::OtherWorker`]; the store's; the worker's file.
+pub async fn keep(writer: &mut Writer, world: &World, worker: &Path, adopts: bool) -> Result<(), EngineError> {
+    let bytes = match std::fs::read(worker) {
+        Ok(bytes) => bytes,
+        Err(_) if adopts => return Ok(()),
+        Err(source) => return Err(EngineError::File { what: "read", path: worker.to_owned(), source }),
+    };
+    let sha256 = sha256_hex(&bytes);
+    let meta = writer.meta().await?;
+    let before = meta.get(SHA256);
+    if before == Some(&sha256) {
+        return Ok(());
+    }
+    let version = version_of(worker);
+    let has_results = world.tasks.values().any(|task| matches!(task.state, Task::Published { .. }));
+    let is_over = world.patients.iter().filter(|patient| patient.selected).all(|patient| patient.row.state.is_final());
+    if let Some(before) = before
+        && has_results
+        && !adopts
+    {
+        if is_over {
+            // Nothing will be computed: the record stays.
+            return Ok(());
+        }
+        let name = |version: &str, sha256: &str| format!("{version} ({})", &sha256[..12.min(sha256.len())]);
+        return Err(EngineError::OtherWorker {
+            began: name(meta.get(VERSION).map_or("an unknown one", String::as_str), before),
+            found: name(&version, &sha256),
+        });
+    }
+    if before.is_some() && has_results {
+        tracing::warn!(%version, sha256, "the run goes on with another worker than it began with");
+    }
+    Ok(writer.set_meta(&[(VERSION, version.as_str()), (SHA256, sha256.as_str())]).await?)
+}
+
+/// What it says of itself.
+fn version_of(worker: &Path) -> String {
+    let output = Command::new(worker).arg("--version").stdin(Stdio::null()).output();
+    let said = output.map(|output| String::from_utf8_lossy(&output.stdout).trim().to_owned()).unwrap_or_default();
+    if said.is_empty() { "unknown".to_owned() } else { said }
+}

@@ -1,0 +1,146 @@
+//! openCARP's `.igb` files: a header of 1,024 bytes with `key:value` pairs, then numbers of all nodes, time after time.
+//!
+//! Format: openCARP's manual, "Output File Formats"; values are `raw * facteur + zero`, `org_t` and `dim_t` (or `inc_t`) tell
+//! the times of the first frame and the span of all.
+
+use std::collections::BTreeMap;
+
+/// Bytes of the header.
+const HEADER: usize = 1024;
+
+/// Numbers of all nodes at several times.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Igb {
+    /// Times in ms.
+    pub time_ms: Vec<f64>,
+    /// Nodes.
+    pub n_nodes: usize,
+    /// Value `k` of node `i` at `k · n_nodes + i`.
+    pub values: Vec<f64>,
+}
+
+/// Why a file is not one of these.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub(super) enum IgbError {
+    /// Shorter than its header.
+    #[error("{0} bytes, expected a header of 1,024 bytes and data")]
+    Short(usize),
+    /// A key of the header is missing or is no number.
+    #[error("the header lacks a number for `{0}`")]
+    Key(&'static str),
+    /// A type that is not read.
+    #[error("type `{0}`, expected float or double")]
+    Type(String),
+    /// A byte order that is not known.
+    #[error("systeme `{0}`, expected little_endian or big_endian")]
+    Order(String),
+    /// Other data than the header says.
+    #[error("{found} bytes of data, expected {expected}: {n_nodes} nodes at {n_frames} times")]
+    Length {
+        /// Bytes after the header.
+        found: usize,
+        /// Bytes by the header.
+        expected: usize,
+        /// Nodes by the header.
+        n_nodes: usize,
+        /// Times by the header.
+        n_frames: usize,
+    },
+}
+
+/// Reads a file.
+///
+/// # Errors
+/// [`IgbError`] with what is not as it must be.
+pub(super) fn read(bytes: &[u8]) -> Result<Igb, IgbError> {
+    if bytes.len() < HEADER {
+        return Err(IgbError::Short(bytes.len()));
+    }
+    let (header, data) = bytes.split_at(HEADER);
+    let header = String::from_utf8_lossy(header).into_owned();
+    let pairs: BTreeMap<&str, &str> = (header.split_ascii_whitespace())
+        .filter(|word| !word.starts_with('#'))
+        .filter_map(|word| word.split_once(':'))
+        .collect();
+    let number = |key: &'static str| pairs.get(key).and_then(|text| text.parse::<f64>().ok()).filter(|x| x.is_finite());
+    let count = |key| number(key).filter(|n| *n >= 1.0 && n.fract() == 0.0).map(|n| n as usize);
+    let n_nodes = count("x").ok_or(IgbError::Key("x"))? * count("y").unwrap_or(1) * count("z").unwrap_or(1);
+    let n_frames = count("t").ok_or(IgbError::Key("t"))?;
+    let kind = pairs.get("type").copied().unwrap_or("float");
+    let size = match kind {
+        "float" => 4,
+        "double" => 8,
+        other => return Err(IgbError::Type(other.to_owned())),
+    };
+    let is_big = match pairs.get("systeme").copied().unwrap_or("little_endian") {
+        "little_endian" => false,
+        "big_endian" => true,
+        other => return Err(IgbError::Order(other.to_owned())),
+    };
+    let expected = n_nodes.saturating_mul(n_frames).saturating_mul(size);
+    // The manual has data end with a form feed; openCARP's own files end without.
+    let data = if data.len() == expected + 1 { data.strip_suffix(b"\x0c").unwrap_or(data) } else { data };
+    if data.len() != expected {
+        return Err(IgbError::Length { found: data.len(), expected, n_nodes, n_frames });
+    }
+    let (factor, zero) = (number("facteur").unwrap_or(1.0), number("zero").unwrap_or(0.0));
+    let value = |raw: &[u8]| {
+        let mut raw = raw.to_vec();
+        if is_big {
+            raw.reverse();
+        }
+        let raw = match size {
+            4 => f64::from(f32::from_le_bytes(raw.try_into().unwrap_or_default())),
+            _ => f64::from_le_bytes(raw.try_into().unwrap_or_default()),
+        };
+        raw * factor + zero
+    };
+    let first = number("org_t").unwrap_or(0.0);
+    let span = number("dim_t").filter(|_| n_frames > 1).map(|span| span / (n_frames - 1) as f64);
+    let step = number("inc_t").or(span).ok_or(IgbError::Key("dim_t"))?;
+    Ok(Igb {
+        time_ms: (0..n_frames).map(|k| first + k as f64 * step).collect(),
+        n_nodes,
+        values: data.chunks_exact(size).map(value).collect(),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn file(header: &str, data: &[u8]) -> Vec<u8> {
+        let mut bytes = header.as_bytes().to_vec();
+        bytes.resize(HEADER, b' ');
+        bytes.extend_from_slice(data);
+        bytes
+    }
+
+    // The header of openCARP's own vm.igb of its first tutorial, with fewer nodes.
+    const HEAD: &str = "x:2 y:1 z:1 t:3 type:float systeme:little_endian org_x:0 org_y:0 org_z:0 org_t:0 dim_x:1 dim_y:0 dim_z:0 \
+                        dim_t:20 unites_x:um unites_y:um unites_z:um unites_t:ms unites:mV facteur:1 zero:0 \r\n";
+
+    #[test]
+    fn floats_of_either_order_are_read_with_their_times() {
+        let numbers = [0.0_f32, 1.0, 2.0, 3.0, 4.5, -85.0];
+        let little: Vec<u8> = numbers.iter().flat_map(|x| x.to_le_bytes()).collect();
+        let big: Vec<u8> = numbers.iter().flat_map(|x| x.to_be_bytes()).collect();
+        let found = read(&file(HEAD, &little)).unwrap();
+        assert_eq!((found.n_nodes, &found.time_ms[..]), (2, &[0.0, 10.0, 20.0][..]));
+        assert_eq!(found.values, numbers.map(f64::from));
+        assert_eq!(read(&file(&HEAD.replace("little", "big"), &big)).unwrap(), found);
+        let ended = [&little[..], b"\x0c"].concat();
+        assert_eq!(read(&file(HEAD, &ended)).unwrap(), found);
+        let scaled = read(&file(&HEAD.replace("facteur:1 zero:0", "facteur:2 zero:1"), &little)).unwrap();
+        assert_eq!(scaled.values[5], -169.0);
+    }
+
+    #[test]
+    fn what_does_not_fit_its_header_is_refused() {
+        assert_eq!(read(b"x:2"), Err(IgbError::Short(3)));
+        let short = read(&file(HEAD, &[0; 20]));
+        assert_eq!(short, Err(IgbError::Length { found: 20, expected: 24, n_nodes: 2, n_frames: 3 }));
+        assert_eq!(read(&file(&HEAD.replace("type:float", "type:byte"), &[0; 24])), Err(IgbError::Type("byte".into())));
+        assert_eq!(read(&file(&HEAD.replace("x:2 ", ""), &[0; 24])), Err(IgbError::Key("x")));
+    }
+}
