@@ -7,6 +7,7 @@ pub mod engine;
 pub mod export;
 pub mod input;
 pub mod machine;
+pub mod preparation;
 pub mod report;
 pub mod results;
 pub mod store;

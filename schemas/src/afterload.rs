@@ -40,6 +40,43 @@ pub struct AfterloadFitAnswer {
     pub patient_toml: String,
 }
 
+/// `cardiotwin fit afterload --cuff --json`: the three-element Windkessel through a cuff's pressures.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct CuffFitAnswer {
+    /// Of the formats.
+    pub schema_version: u32,
+    /// Where the flow is from.
+    pub flow: String,
+    /// Mean flow.
+    #[serde(rename = "mean_flow_mL_per_s")]
+    pub mean_flow_ml_per_s: f64,
+    /// Systolic pressure.
+    #[serde(rename = "systolic_mmHg")]
+    pub systolic_mmhg: f64,
+    /// Diastolic pressure.
+    #[serde(rename = "diastolic_mmHg")]
+    pub diastolic_mmhg: f64,
+    /// Mean pressure; absent where it was not measured.
+    #[serde(rename = "mean_mmHg")]
+    pub mean_mmhg: Option<f64>,
+    /// Standard deviation of each pressure.
+    #[serde(rename = "sd_mmHg")]
+    pub sd_mmhg: f64,
+    /// The values as a patient file takes them.
+    pub afterload: WindkesselParameters,
+    /// Each parameter and R2 C (`time_constant_s`), with intervals of the cuff's and the flow's uncertainty.
+    pub estimates: Vec<AfterloadQuantity>,
+    /// Probability that an interval covers.
+    pub confidence_level: f64,
+    /// Whether R1 is a usual share of R2: without a mean pressure, or where none goes with it.
+    pub assumed_share: bool,
+    /// What to mind before the values are used.
+    pub warnings: Vec<String>,
+    /// Lines for `patient.toml`.
+    pub patient_toml: String,
+}
+
 /// A record of flow and pressure.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]

@@ -24,6 +24,9 @@ pub fn all() -> Vec<(&'static str, Schema)> {
         ("run.schema.json", schema_for!(crate::record::RunRecord)),
         ("discover-case.schema.json", schema_for!(crate::discover::DiscoverCase)),
         ("discover-cohort.schema.json", schema_for!(crate::discover::DiscoverCases)),
+        ("fit-afterload-cuff.schema.json", schema_for!(crate::afterload::CuffFitAnswer)),
+        ("raw.schema.json", schema_for!(crate::raw::RawFile)),
+        ("prepare.schema.json", schema_for!(crate::preparation::Preparation)),
         ("robustness.schema.json", schema_for!(crate::robustness::RobustnessResult)),
     ]
 }

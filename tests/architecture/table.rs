@@ -19,6 +19,11 @@ pub const CRATES: &[Rule] = &[
         may: &["units"],
         why: "a trace knows no model, so measured and simulated ones are treated alike",
     },
+    Rule {
+        who: "recordings",
+        may: &["units", "signals", "validation"],
+        why: "beats are made of recordings without any model of a heart; validation only in tests and examples",
+    },
     Rule { who: "mesh", may: &["units"], why: "a mesh knows no material, load or task, so any solver can stand on it" },
     Rule { who: "models", may: &["units", "signals"], why: "models know no task, queue or file of a patient" },
     Rule {
@@ -65,7 +70,7 @@ pub const CRATES: &[Rule] = &[
     },
     Rule {
         who: "coordinator",
-        may: &["schemas", "units", "signals", "calibrate", "slurm"],
+        may: &["schemas", "units", "signals", "recordings", "calibrate", "slurm"],
         why: "decides and keeps books, never simulates: it builds where MPI is absent and stays small",
     },
     Rule {
@@ -94,7 +99,11 @@ pub const ROOMS: &[Rule] = &[
         why: "processes and schedulers are reached in one place, tested without decisions",
     },
     Rule { who: "store", may: &["schemas", "machine", "clock"], why: "SQL in one place" },
-    Rule { who: "input", may: &["schemas", "signals", "units"], why: "`check` needs no engine and no store" },
+    Rule {
+        who: "input",
+        may: &["schemas", "signals", "recordings", "units"],
+        why: "`check` needs no engine and no store",
+    },
     Rule {
         who: "results",
         may: &["schemas", "units"],
@@ -113,6 +122,11 @@ pub const ROOMS: &[Rule] = &[
         why: "findings to cases, pooled evidence, words and the patient's model; running searches is the engine's",
     },
     Rule {
+        who: "preparation",
+        may: &["schemas", "signals", "recordings", "calibrate", "units", "input"],
+        why: "recordings that were read to a patient's files and words about each step; drawing them is the report's",
+    },
+    Rule {
         who: "engine",
         may: &["schemas", "machine", "store", "dispatch", "calibrate", "clock", "slurm"],
         why: "observe, decide, commit, act: the only room that sees both decisions and world",
@@ -123,12 +137,14 @@ pub const ROOMS: &[Rule] = &[
             "engine",
             "sweep",
             "discovery",
+            "preparation",
             "report",
             "export",
             "results",
             "input",
             "schemas",
             "signals",
+            "recordings",
             "units",
             "calibrate",
             "clock",

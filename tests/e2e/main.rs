@@ -9,6 +9,7 @@ mod finite_element;
 mod fits;
 mod launcher;
 mod output;
+mod prepare;
 mod requests;
 mod robustness;
 mod runs;

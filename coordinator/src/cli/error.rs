@@ -42,6 +42,12 @@ pub enum CliError {
         /// How many, in words.
         errors: String,
     },
+    /// Problems of recordings that were printed one by one before.
+    #[error("{errors} in the recordings; nothing was written")]
+    Recordings {
+        /// How many, in words.
+        errors: String,
+    },
     /// Arguments that contradict each other or name nothing.
     #[error("{0}")]
     Usage(String),
@@ -97,7 +103,7 @@ impl CliError {
             Self::Engine(EngineError::Request { .. } | EngineError::OnCluster { .. }) | Self::Usage(_) => Exit::Usage,
             Self::Engine(EngineError::Site { .. } | EngineError::OtherWorker { .. }) => Exit::Input,
             Self::Sweep(error) => sweep_exit(error),
-            Self::Input { .. } | Self::Trace { .. } => Exit::Input,
+            Self::Input { .. } | Self::Trace { .. } | Self::Recordings { .. } => Exit::Input,
             Self::Overlay(OverlayError::NothingAccepted { .. }) => Exit::Usage,
             Self::Overlay(OverlayError::Format { .. }) => Exit::Input,
             Self::Simulation { .. } => Exit::Problems,

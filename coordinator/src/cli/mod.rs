@@ -26,7 +26,7 @@ pub use exit::Exit;
 
 use commands::{
     advance, backup, bench, cancel, check, compare, completions, config, discover, doctor, drive, explain, export, fit,
-    housekeeping, init, logs, man, plan, report, rerun, retry, run, schemas, show, simulate, status, sweep,
+    housekeeping, init, logs, man, plan, prepare, report, rerun, retry, run, schemas, show, simulate, status, sweep,
 };
 use logging::LogFormat;
 use talk::{ColourChoice, Talk};
@@ -61,6 +61,7 @@ struct Global {
 #[derive(Debug, Subcommand)]
 enum Command {
     Init(init::InitArgs),
+    Prepare(prepare::PrepareArgs),
     Check(check::CheckArgs),
     Config(config::ConfigArgs),
     Run(run::RunArgs),
@@ -125,6 +126,7 @@ pub fn main() -> ExitCode {
 async fn execute(command: &Command, talk: &Talk) -> Result<Exit, CliError> {
     match command {
         Command::Init(args) => init::execute(args, talk),
+        Command::Prepare(args) => prepare::execute(args, talk),
         Command::Check(args) => check::execute(args, talk),
         Command::Config(args) => config::execute(args, talk).await,
         Command::Run(args) => run::execute(args, talk).await,

@@ -179,7 +179,8 @@ fn load_patient(
     Some((Patient { id: id.to_owned(), settings, lines, file, folder: folder.to_owned(), resolved }, named))
 }
 
-fn read_as<T: DeserializeOwned + schemars::JsonSchema>(
+/// A document as its type; what does not fit is reported.
+pub(super) fn read_as<T: DeserializeOwned + schemars::JsonSchema>(
     document: &Document,
     patient: Option<&str>,
     report: &mut Report,

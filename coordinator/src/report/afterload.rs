@@ -1,9 +1,9 @@
 //! A measured aortic pressure and what a load makes of the measured flow, as SVG files.
 
-use cardiotwin_schemas::afterload::{AfterloadDiscovery, AfterloadFitAnswer};
+use cardiotwin_schemas::afterload::{AfterloadDiscovery, AfterloadFitAnswer, CuffFitAnswer};
 
 use super::format::significant;
-use super::plot::{Axis, Chart, Scale, Series};
+use super::plot::{Axis, Chart, Mark, Scale, Series};
 
 /// Pressure and fit of three elements. Points: time in ms, pressure in mmHg. None where no sample is finite.
 #[must_use]
@@ -21,6 +21,31 @@ pub fn afterload_fit_svg(
         significant(load.peripheral_resistance_mmhg_s_per_ml, 3),
         significant(load.compliance_ml_per_mmhg, 3),
         significant(answer.root_mean_square_mmhg, 2)
+    );
+    chart.series.push(Series { class: "step2", name, points: fitted.to_vec(), dots: false });
+    Some(chart.file())
+}
+
+/// Pressure of the load through a cuff's pressures. Points: time in ms, pressure in mmHg. None without a finite sample.
+#[must_use]
+pub fn cuff_fit_svg(answer: &CuffFitAnswer, fitted: &[(f64, f64)]) -> Option<String> {
+    let (first, last) = (fitted.first()?.0, fitted.last()?.0);
+    let marks = [Some(answer.systolic_mmhg), answer.mean_mmhg, Some(answer.diastolic_mmhg)];
+    let values = fitted.iter().map(|point| point.1).chain(marks.into_iter().flatten());
+    let x = Axis::new("time (ms)", "ms", Scale::exact(first, last));
+    let y = Axis::new("pressure (mmHg)", "mmHg", Scale::linear(values, false)?);
+    let mut chart = Chart::new("aortic pressure of three elements through a cuff's pressures", x, y);
+    let names = ["systolic", "mean", "diastolic"];
+    chart.marks.extend(
+        std::iter::zip(names, marks)
+            .filter_map(|(name, y)| Some(Mark::Across { y: y?, class: "phase", label: Some((name.into(), -4.0)) })),
+    );
+    let load = &answer.afterload;
+    let name = format!(
+        "three elements: R1 {}, R2 {} mmHg s/mL, C {} mL/mmHg",
+        significant(load.characteristic_resistance_mmhg_s_per_ml, 3),
+        significant(load.peripheral_resistance_mmhg_s_per_ml, 3),
+        significant(load.compliance_ml_per_mmhg, 3)
     );
     chart.series.push(Series { class: "step2", name, points: fitted.to_vec(), dots: false });
     Some(chart.file())

@@ -13,13 +13,14 @@ mod organ_3d;
 mod page;
 mod patient;
 mod plot;
+pub mod preparation;
 mod provenance;
 mod robustness;
 pub mod sensitivity;
 mod tables;
 mod write;
 
-pub use afterload::{afterload_discovery_svg, afterload_fit_svg};
+pub use afterload::{afterload_discovery_svg, afterload_fit_svg, cuff_fit_svg};
 pub use calcium_fit::calcium_fit_svg;
 pub use discovery::{discovery_svg, write_discovery};
 pub use organ_3d::spread_svg;

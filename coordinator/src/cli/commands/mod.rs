@@ -19,6 +19,7 @@ pub mod init;
 pub mod logs;
 pub mod man;
 pub mod plan;
+pub mod prepare;
 pub mod report;
 pub mod rerun;
 pub mod retry;

@@ -13,6 +13,8 @@ path { fill: none; } .axis { stroke: #5d6873; } .grid path { stroke: #eceff2; } 
 .between { stroke: none; fill: #0072b2; } .between.most { opacity: .16; } .between.half { opacity: .3; }
 .line.step1 { stroke: #0072b2; } .line.step2 { stroke: #d55e00; }
 .line.before { stroke: #0072b2; } .line.after { stroke: #d55e00; } .rule.phase { stroke: #d9dee4; } .band.noise { fill: #eceff2; }
+.line.beat { stroke: #5d6873; stroke-width: .6; stroke-opacity: .45; } .line.out { stroke: #cc79a7; stroke-width: 1; }
+.mark.event { fill: #1c2127; } .cross { stroke: #1c2127; stroke-width: 2; }
 .headline { font-size: 17px; font-weight: 600; }
 ";
 /// Height of a line of the legend.

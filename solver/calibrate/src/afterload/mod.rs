@@ -4,8 +4,10 @@
 //! Jung et al. 2022, section 2.1, after Marx et al. 2020, Phil Trans A 378:20190342. The flow is taken as it was measured,
 //! linear between its samples, and drives the load; the pressure is fitted by least squares.
 
+mod cuff;
 mod discover;
 mod effects;
+mod ejected;
 mod fit;
 mod held_out;
 mod nameless;
@@ -17,8 +19,10 @@ mod simulate;
 #[cfg(test)]
 mod tests;
 
+pub use cuff::{CUFF_SD_MMHG, Cuff, CuffFit, USUAL_SHARE, fit_cuff};
 pub use discover::{Candidate, Confusable, Discovery, DiscoverySettings, Found, Gap, Stage, discover};
 pub use effects::{EFFECTS, Effect, HIDDEN, Kind};
+pub use ejected::ejected;
 pub use fit::fit_windkessel;
 pub use nameless::{Dependence, Nameless};
 pub use noise::Worth;
@@ -72,6 +76,26 @@ pub enum AfterloadError {
         lowest_ml_per_s: f64,
         /// Largest flow.
         highest_ml_per_s: f64,
+    },
+    /// Pressures of a cuff that are not in order.
+    #[error(
+        "cuff pressures {systolic_mmhg}/{diastolic_mmhg} (mean {mean_mmhg:?}) mmHg are not in order: diastolic, mean, systolic"
+    )]
+    Cuff {
+        /// Systolic.
+        systolic_mmhg: f64,
+        /// Diastolic.
+        diastolic_mmhg: f64,
+        /// Mean.
+        mean_mmhg: Option<f64>,
+    },
+    /// Pressures that no load has with this flow.
+    #[error("no three elements have {systolic_mmhg}/{diastolic_mmhg} mmHg with this flow")]
+    NoLoad {
+        /// Systolic.
+        systolic_mmhg: f64,
+        /// Diastolic.
+        diastolic_mmhg: f64,
     },
     /// A setting that makes no sense.
     #[error("the confidence level is {level}, but must be above 0 and below 1")]

@@ -1,6 +1,6 @@
 //! `cardiotwin fit afterload`: the three-element Windkessel from a measured flow and pressure.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use cardiotwin_calibrate::afterload::{
     self, Estimate, Start, WindkesselFit, WindkesselFitSettings, Worth, fit_windkessel,
@@ -9,11 +9,12 @@ use cardiotwin_schemas::afterload::{AfterloadFitAnswer, AfterloadNoise, Afterloa
 use cardiotwin_schemas::organ::WindkesselParameters;
 use clap::Args;
 
-use super::record::{self, Measured};
+use super::record::{self, FlowSource, Measured};
 use crate::cli::error::CliError;
 use crate::cli::exit::Exit;
 use crate::cli::table::{Columns, number, optional};
 use crate::cli::talk::Talk;
+pub use crate::preparation::afterload_table as table;
 use crate::report::afterload_fit_svg;
 use crate::results::atomic;
 
@@ -30,27 +31,36 @@ const STRONG_CORRELATION: f64 = 0.95;
                         What three elements miss in the record: `cardiotwin discover --afterload FLOW.csv PRESSURE.csv`."
 )]
 pub struct AfterloadArgs {
-    /// The flow: a CSV file with the columns time_ms,flow_mL_per_s
-    #[arg(value_name = "FLOW.csv")]
-    flow: PathBuf,
-    /// The pressure: a CSV file with the columns time_ms,pressure_mmHg
-    #[arg(value_name = "PRESSURE.csv")]
-    pressure: PathBuf,
+    /// FLOW.csv and PRESSURE.csv; with --volume the pressure alone, with --cuff the flow alone, with both none
+    #[arg(value_name = "TRACE.csv", num_args = 0..=2)]
+    traces: Vec<PathBuf>,
+    /// In the place of a flow: -dV/dt in ejection of this volume, one cycle in the columns time_ms,volume_mL
+    #[arg(long, value_name = "VOLUME.csv")]
+    volume: Option<PathBuf>,
+    /// Length of the volume's cycle in ms [default: to one step after its last sample]
+    #[arg(long, value_name = "MS", requires = "volume")]
+    cycle_length: Option<f64>,
+    /// In the place of a pressure: the cuff's in mmHg
+    #[arg(long, value_name = "SYSTOLIC/DIASTOLIC[/MEAN]", conflicts_with = "periodic")]
+    pub(super) cuff: Option<super::cuff::Pressures>,
+    /// Standard deviation of the cuff's pressures in mmHg [default: 4]
+    #[arg(long, value_name = "MMHG", requires = "cuff")]
+    pub(super) cuff_sd: Option<f64>,
     /// Begin in the periodic steady state of the first cycle, instead of fitting the pressure at the beginning
     #[arg(long)]
     periodic: bool,
     /// Probability that an interval covers
     #[arg(long, value_name = "SHARE", default_value_t = 0.95)]
-    confidence: f64,
+    pub(super) confidence: f64,
     /// Draw pressure and fit into this SVG file
     #[arg(long, value_name = "FILE")]
-    plot: Option<PathBuf>,
+    pub(super) plot: Option<PathBuf>,
     /// Print the lines for patient.toml instead
     #[arg(long, conflicts_with = "json")]
-    toml: bool,
+    pub(super) toml: bool,
     /// One JSON object instead of a table
     #[arg(long)]
-    json: bool,
+    pub(super) json: bool,
 }
 
 /// Fits.
@@ -61,12 +71,16 @@ pub fn execute(args: &AfterloadArgs, talk: &Talk) -> Result<Exit, CliError> {
     if !(args.confidence > 0.0 && args.confidence < 1.0) {
         return Err(CliError::Usage("--confidence lies between 0 and 1".to_owned()));
     }
-    let measured = record::read(&args.flow, &args.pressure, talk)?;
-    let start = if args.periodic { Start::Periodic } else { Start::Free };
+    let (source, pressure) = sources(args)?;
+    let Some(pressure) = pressure else { return super::cuff::execute(args, source, talk) };
+    let measured = record::read_from(source, pressure, talk)?;
+    // One cycle of volume says nothing of what was before it.
+    let periodic = args.periodic || args.volume.is_some();
+    let start = if periodic { Start::Periodic } else { Start::Free };
     let settings = WindkesselFitSettings { start, confidence_level: args.confidence };
     let fit = fit_windkessel(&measured.record, settings)
         .map_err(|error| CliError::Usage(format!("the record cannot be fitted: {error}")))?;
-    let answer = answer(&measured, args.periodic, &fit);
+    let answer = answer(&measured, periodic, &fit);
     if let Some(file) = &args.plot {
         let points = |(sample, residual): (&(f64, f64), &f64)| (sample.0, sample.1 + residual);
         let fitted: Vec<(f64, f64)> = std::iter::zip(&measured.pressure, &fit.residuals_mmhg).map(points).collect();
@@ -85,6 +99,30 @@ pub fn execute(args: &AfterloadArgs, talk: &Talk) -> Result<Exit, CliError> {
         answer.warnings.iter().for_each(|warning| talk.say(&format!("warning: {warning}")));
     }
     Ok(Exit::Ok)
+}
+
+/// Where flow and pressure come from; no pressure with a cuff.
+fn sources(args: &AfterloadArgs) -> Result<(FlowSource<'_>, Option<&Path>), CliError> {
+    let usage = |text: &str| Err(CliError::Usage(text.to_owned()));
+    if args.cycle_length.is_some_and(|ms| !(200.0..=3000.0).contains(&ms)) {
+        return usage("--cycle-length is 200 to 3000 ms");
+    }
+    if args.cuff_sd.is_some_and(|sd| !(0.1..=50.0).contains(&sd)) {
+        return usage("--cuff-sd is 0.1 to 50 mmHg");
+    }
+    let volume = args.volume.as_deref().map(|file| FlowSource::Ejected(file, args.cycle_length));
+    match (volume, args.cuff, &args.traces[..]) {
+        (None, None, [flow, pressure]) => Ok((FlowSource::Measured(flow), Some(pressure))),
+        (Some(volume), None, [pressure]) => Ok((volume, Some(pressure))),
+        (None, Some(_), [flow]) => Ok((FlowSource::Measured(flow), None)),
+        (Some(volume), Some(_), []) => Ok((volume, None)),
+        (None, None, _) => {
+            usage("give FLOW.csv and PRESSURE.csv; --volume takes the place of the one, --cuff of the other")
+        }
+        (Some(_), None, _) => usage("with --volume give PRESSURE.csv alone, or --cuff"),
+        (None, Some(_), _) => usage("with --cuff give FLOW.csv alone, or --volume"),
+        (Some(_), Some(_), _) => usage("--volume and --cuff take the place of both files: give none"),
+    }
 }
 
 /// R1, R2, C with their names in files.
@@ -107,21 +145,8 @@ pub fn noise(worth: &Worth) -> AfterloadNoise {
     }
 }
 
-/// `[afterload]` as `patient.toml` takes it, four significant digits and more.
-#[must_use]
-pub fn table(afterload: &WindkesselParameters, comment: &str) -> String {
-    let rounded = |value: f64| format!("{:?}", format!("{value:.4e}").parse::<f64>().unwrap_or(value));
-    format!(
-        "# {comment}\n[afterload]\ncharacteristic_resistance_mmHg_s_per_mL = {}\nperipheral_resistance_mmHg_s_per_mL = {}\n\
-         compliance_mL_per_mmHg = {}\n",
-        rounded(afterload.characteristic_resistance_mmhg_s_per_ml),
-        rounded(afterload.peripheral_resistance_mmhg_s_per_ml),
-        rounded(afterload.compliance_ml_per_mmhg)
-    )
-}
-
 /// A file's name in a comment: a line feed in it would end the comment.
-fn one_line(name: &str) -> String {
+pub(super) fn one_line(name: &str) -> String {
     name.chars().map(|c| if c.is_control() { '?' } else { c }).collect()
 }
 

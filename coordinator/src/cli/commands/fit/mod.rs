@@ -3,6 +3,7 @@
 pub mod afterload;
 mod calcium;
 mod cohort_toml;
+mod cuff;
 pub mod record;
 mod trace;
 

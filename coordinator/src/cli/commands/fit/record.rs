@@ -4,11 +4,13 @@ use std::path::Path;
 
 use cardiotwin_calibrate::afterload::{AfterloadError, Record};
 use cardiotwin_schemas::afterload::AfterloadRecord;
-use cardiotwin_signals::{Problem, Quantity};
+use cardiotwin_signals::{Problem, Quantity, Trace};
+use cardiotwin_units::Ms;
 
 use super::trace;
 use crate::cli::error::CliError;
 use crate::cli::talk::{Talk, count};
+use crate::preparation::ejection_flow;
 
 /// What was read.
 pub struct Measured {
@@ -20,14 +22,71 @@ pub struct Measured {
     pub pressure: Vec<(f64, f64)>,
 }
 
+/// Where a flow comes from.
+#[derive(Debug, Clone, Copy)]
+pub enum FlowSource<'a> {
+    /// A file of flow.
+    Measured(&'a Path),
+    /// The fall of a volume in ejection; its cycle length in ms where it is given.
+    Ejected(&'a Path, Option<f64>),
+}
+
+impl FlowSource<'_> {
+    /// The file that is read.
+    #[must_use]
+    pub fn file(&self) -> &Path {
+        match self {
+            Self::Measured(file) | Self::Ejected(file, _) => file,
+        }
+    }
+
+    /// What answers call it.
+    #[must_use]
+    pub fn name(&self) -> String {
+        match self {
+            Self::Measured(file) => file.display().to_string(),
+            Self::Ejected(file, _) => format!("-dV/dt in ejection of {}", file.display()),
+        }
+    }
+
+    /// The flow; says every problem.
+    ///
+    /// # Errors
+    /// [`CliError::Trace`] for what cannot be used.
+    pub fn read(&self, talk: &Talk) -> Result<Trace, CliError> {
+        let (file, given) = match self {
+            Self::Measured(file) => return trace::read(file, Quantity::Flow, talk),
+            Self::Ejected(file, given) => (*file, *given),
+        };
+        let volume = trace::read(file, Quantity::Volume, talk)?;
+        let refused = |why: String| {
+            let remedy = "give one whole cycle of the ventricle's volume, and its length with --cycle-length";
+            trace::refused(Problem::error(file, why, "a volume that falls in ejection", remedy), talk)
+        };
+        let usual_step = (volume.end_ms() - volume.time_ms()[0]) / (volume.n_samples() - 1) as f64;
+        let cycle_ms = given.unwrap_or(volume.end_ms() - volume.time_ms()[0] + usual_step);
+        let flow = ejection_flow(&volume, Ms(cycle_ms)).map_err(refused)?;
+        Trace::uniform(Quantity::Flow, flow.step_ms, flow.flow_ml_per_s).map_err(|error| refused(error.to_string()))
+    }
+}
+
 /// Reads both files; says every problem, and how different samplings are dealt with.
 ///
 /// # Errors
 /// [`CliError::Trace`] for what cannot be used.
 pub fn read(flow: &Path, pressure: &Path, talk: &Talk) -> Result<Measured, CliError> {
+    read_from(FlowSource::Measured(flow), pressure, talk)
+}
+
+/// The same with a flow from elsewhere.
+///
+/// # Errors
+/// As [`read`].
+pub fn read_from(source: FlowSource<'_>, pressure: &Path, talk: &Talk) -> Result<Measured, CliError> {
     // Both are read before either is refused, so that all problems are said at once.
-    let (q, p) = (trace::read(flow, Quantity::Flow, talk), trace::read(pressure, Quantity::Pressure, talk));
+    let (q, p) = (source.read(talk), trace::read(pressure, Quantity::Pressure, talk));
     let (q, p) = (q?, p?);
+    let flow = source.file();
     let record = Record::new(q.time_ms(), q.values(), p.time_ms(), p.values())
         .map_err(|error| trace::refused(problem(flow, pressure, &error), talk))?;
     if !record.sampled_alike() {
@@ -41,7 +100,7 @@ pub fn read(flow: &Path, pressure: &Path, talk: &Talk) -> Result<Measured, CliEr
         talk.say(&format!("note: {left_out} left out, where no flow was measured"));
     }
     let described = AfterloadRecord {
-        flow: flow.display().to_string(),
+        flow: source.name(),
         pressure: pressure.display().to_string(),
         n_samples: record.n_samples(),
         n_left_out: record.n_dropped(),
@@ -78,7 +137,11 @@ fn problem(flow: &Path, pressure: &Path, error: &AfterloadError) -> Problem {
             "turn the sign if the probe was mounted the other way, and give at least one whole beat",
         )
         .at_key("flow_mL_per_s"),
-        AfterloadError::Sample { .. } | AfterloadError::Confidence { .. } | AfterloadError::LeastSquares(_) => {
+        AfterloadError::Sample { .. }
+        | AfterloadError::Cuff { .. }
+        | AfterloadError::NoLoad { .. }
+        | AfterloadError::Confidence { .. }
+        | AfterloadError::LeastSquares(_) => {
             Problem::error(pressure, error.to_string(), "aortic flow and pressure", "look at both traces")
         }
     }

@@ -1,0 +1,185 @@
+//! `cardiotwin fit afterload --cuff`: the three-element Windkessel through a cuff's pressures.
+
+use std::str::FromStr;
+
+use cardiotwin_calibrate::afterload::{CUFF_SD_MMHG, Cuff, CuffFit, fit_cuff};
+use cardiotwin_calibrate::normal;
+use cardiotwin_schemas::afterload::{AfterloadQuantity, CuffFitAnswer, Determined};
+use cardiotwin_signals::Problem;
+
+use super::afterload::{AfterloadArgs, one_line, parameters, table};
+use super::record::FlowSource;
+use super::trace;
+use crate::cli::error::CliError;
+use crate::cli::exit::Exit;
+use crate::cli::table::{Columns, number, optional};
+use crate::cli::talk::Talk;
+use crate::report::cuff_fit_svg;
+use crate::results::atomic;
+
+/// Half width of an interval over the value beyond which a parameter is poorly determined.
+const POOR: f64 = 0.3;
+
+/// `115/70` or `115/70/88`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Pressures {
+    systolic_mmhg: f64,
+    diastolic_mmhg: f64,
+    mean_mmhg: Option<f64>,
+}
+
+impl FromStr for Pressures {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        let numbers: Result<Vec<f64>, _> = text.split('/').map(|part| part.trim().parse::<f64>()).collect();
+        let numbers = numbers.unwrap_or_default();
+        let in_range = numbers.iter().all(|p| (10.0..=350.0).contains(p));
+        match numbers[..] {
+            [systolic_mmhg, diastolic_mmhg, ref mean @ ..] if mean.len() < 2 && in_range => {
+                let mean_mmhg = mean.first().copied();
+                let between = mean_mmhg.is_none_or(|mean| mean > diastolic_mmhg && mean < systolic_mmhg);
+                if systolic_mmhg > diastolic_mmhg && between {
+                    return Ok(Self { systolic_mmhg, diastolic_mmhg, mean_mmhg });
+                }
+                Err("systolic lies above diastolic pressure, and the mean between them".to_owned())
+            }
+            _ => Err("write it as 115/70 or 115/70/88, in mmHg".to_owned()),
+        }
+    }
+}
+
+/// Fits.
+///
+/// # Errors
+/// [`CliError::Trace`] for a flow that cannot be used or pressures that no load has with it.
+pub fn execute(args: &AfterloadArgs, source: FlowSource<'_>, talk: &Talk) -> Result<Exit, CliError> {
+    let Some(given) = args.cuff else { return Err(CliError::Usage("--cuff is not given".to_owned())) };
+    let flow = source.read(talk)?;
+    let n = flow.n_samples();
+    let step_ms = (flow.end_ms() - flow.time_ms()[0]) / (n - 1) as f64;
+    // Samples of any spacing: the load is computed on an even grid.
+    let even: Vec<f64> = (0..n).map(|i| flow.at(flow.time_ms()[0] + i as f64 * step_ms)).collect();
+    let cuff = Cuff {
+        systolic_mmhg: given.systolic_mmhg,
+        diastolic_mmhg: given.diastolic_mmhg,
+        mean_mmhg: given.mean_mmhg,
+        sd_mmhg: args.cuff_sd,
+    };
+    let fit = fit_cuff(&even, step_ms, cuff).map_err(|error| {
+        let remedy = "give one whole cycle of flow out of the heart, and the pressures of the same patient at rest";
+        trace::refused(
+            Problem::error(source.file(), error.to_string(), "a flow with the cuff's pressures", remedy),
+            talk,
+        )
+    })?;
+    let answer = answer(&source, &cuff, &fit, args.confidence);
+    if let Some(file) = &args.plot {
+        let points: Vec<(f64, f64)> =
+            fit.pressure_mmhg.iter().enumerate().map(|(i, p)| (i as f64 * step_ms, *p)).collect();
+        let svg = cuff_fit_svg(&answer, &points).unwrap_or_default();
+        atomic::write(file, |out| out.write_all(svg.as_bytes())).map_err(CliError::file("write", file))?;
+    }
+    if args.json {
+        talk.json(&answer)?;
+    } else if args.toml {
+        talk.data(&answer.patient_toml)?;
+    } else {
+        talk.data(&text(&answer, talk))?;
+        talk.hint("`--toml` prints the lines for patient.toml");
+    }
+    if args.json || args.toml {
+        answer.warnings.iter().for_each(|warning| talk.say(&format!("warning: {warning}")));
+    }
+    Ok(Exit::Ok)
+}
+
+fn answer(source: &FlowSource<'_>, cuff: &Cuff, fit: &CuffFit, confidence: f64) -> CuffFitAnswer {
+    let names = [
+        "characteristic_resistance_mmHg_s_per_mL",
+        "peripheral_resistance_mmHg_s_per_mL",
+        "compliance_mL_per_mmHg",
+        "time_constant_s",
+    ];
+    let z = normal::quantile(0.5 + 0.5 * confidence);
+    let quantity = |k: usize| {
+        let (value, sd) = (fit.values[k], fit.sd[k]);
+        AfterloadQuantity {
+            name: names[k].to_owned(),
+            value,
+            standard_error: Some(sd),
+            lower: Some((value - z * sd).max(0.0)),
+            upper: Some(value + z * sd),
+            determined: if z * sd <= POOR * value { Determined::Well } else { Determined::Poorly },
+        }
+    };
+    let afterload = parameters([fit.values[0], fit.values[1], fit.values[2]]);
+    let mut warnings = Vec::new();
+    if fit.assumed_share {
+        let why = if cuff.mean_mmhg.is_some() {
+            "no characteristic resistance goes with this mean pressure"
+        } else {
+            "without a mean pressure nothing separates the resistances"
+        };
+        warnings.push(format!("{why}: R1 is 0.06 R2, as in adults at rest"));
+    }
+    let shown = cuff.mean_mmhg.map_or(String::new(), |mean| format!(", mean {mean}"));
+    let from = format!(
+        "Through the cuff's {}/{} mmHg{shown} by `cardiotwin fit afterload`, flow: {}.",
+        cuff.systolic_mmhg,
+        cuff.diastolic_mmhg,
+        one_line(&source.name())
+    );
+    CuffFitAnswer {
+        schema_version: cardiotwin_schemas::SCHEMA_VERSION,
+        flow: source.name(),
+        mean_flow_ml_per_s: fit.mean_flow_ml_per_s,
+        systolic_mmhg: cuff.systolic_mmhg,
+        diastolic_mmhg: cuff.diastolic_mmhg,
+        mean_mmhg: cuff.mean_mmhg,
+        sd_mmhg: cuff.sd_mmhg.unwrap_or(CUFF_SD_MMHG),
+        patient_toml: table(&afterload, &from),
+        afterload,
+        estimates: (0..4).map(quantity).collect(),
+        confidence_level: confidence,
+        assumed_share: fit.assumed_share,
+        warnings,
+    }
+}
+
+fn text(answer: &CuffFitAnswer, talk: &Talk) -> String {
+    let interval = format!(">{} % FROM", number(100.0 * answer.confidence_level).trim_end_matches(".00"));
+    let mut table = Columns::new(talk, &["PARAMETER", ">VALUE", ">STANDARD ERROR", &interval, ">TO", "DETERMINED"]);
+    for q in &answer.estimates {
+        let ends = [q.standard_error, q.lower, q.upper].map(optional);
+        let [error, lower, upper] = &ends;
+        let determined = if q.determined == Determined::Well { "well" } else { "poorly" };
+        table.row([&q.name, &number(q.value), error, lower, upper, determined]);
+    }
+    let mut text = table.text();
+    text.push_str(&format!(
+        "\nflow: {}, mean {} mL/s; cuff known to {} mmHg\n",
+        answer.flow,
+        number(answer.mean_flow_ml_per_s),
+        number(answer.sd_mmhg)
+    ));
+    for warning in &answer.warnings {
+        text.push_str(&format!("warning: {warning}\n"));
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pressures_are_read_and_nonsense_is_not() {
+        let read = |text: &str| text.parse::<Pressures>();
+        assert_eq!(read("115/70").unwrap().mean_mmhg, None);
+        assert_eq!(read("115/70/88").unwrap().mean_mmhg, Some(88.0));
+        for text in ["115", "70/115", "115/70/60", "115/70/80/2", "a/b", "1.15/0.7", "", "115/70/"] {
+            assert!(read(text).is_err(), "{text}");
+        }
+    }
+}

@@ -1,0 +1,259 @@
+//! `cardiotwin prepare`: from continuous recordings to a patient's folder. It never writes over a patient unless asked to.
+
+use std::io::Write as _;
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+
+use crate::cli::error::CliError;
+use crate::cli::exit::Exit;
+use crate::cli::problems;
+use crate::cli::table::Columns;
+use crate::cli::talk::{Talk, Tone, count};
+use crate::input::{PREPARE_TOML, RawFolder, Report, load_alone, read_raw};
+use crate::preparation::{self, Made, PREPARED, drawings};
+use crate::report::preparation::{BeatLines, VolumeLines, beats_svg, volume_svg};
+use cardiotwin_schemas::preparation::{Preparation, StepState};
+
+/// Beats that are named one by one; the rest stands in beats.csv.
+const MOST_NAMED: usize = 12;
+
+/// Make a patient's folder of continuous recordings: find, judge and average beats, adjust and synchronise volumes
+#[derive(Debug, Args)]
+#[command(
+    after_help = "RAW_DIR holds catheter.csv (columns time_ms or time_s, lv_pressure_mmHg, aortic_pressure_mmHg, flow_mL_per_s, \
+                        ecg_mV; a pressure is needed), cine.csv (time_ms, volume_mL), flow.csv, and prepare.toml, which names other \
+                        files and columns, gives whole-heart volume and cuff pressure, and switches or overrides each step.\n\
+                        All of it: docs/prepare.md. RAW_DIR itself is never changed."
+)]
+pub struct PrepareArgs {
+    /// Folder of the recordings
+    #[arg(value_name = "RAW_DIR")]
+    raw: PathBuf,
+    /// The patient's folder to make; its name is the patient's unless prepare.toml says another
+    #[arg(value_name = "PATIENT_DIR", required_unless_present = "dry_run")]
+    patient: Option<PathBuf>,
+    /// Say what each step would change, and write nothing
+    #[arg(short = 'n', long)]
+    dry_run: bool,
+    /// Take the place of a folder that `cardiotwin prepare` made before
+    #[arg(long)]
+    replace: bool,
+    /// One JSON object instead of a table
+    #[arg(long)]
+    json: bool,
+}
+
+/// Prepares.
+///
+/// # Errors
+/// [`CliError::Recordings`] for recordings that cannot be used, [`CliError::File`] where the folder cannot be written.
+pub fn execute(args: &PrepareArgs, talk: &Talk) -> Result<Exit, CliError> {
+    let mut report = Report::default();
+    let raw = read_raw(&args.raw, &mut report);
+    let said = problems::text(&report, talk.colour_err);
+    if !said.is_empty() {
+        talk.say(said.trim_end());
+    }
+    let Some(raw) = raw else {
+        return Err(CliError::Recordings { errors: count(report.n_errors(), "error") });
+    };
+    let id = id_of(&raw, args)?;
+    if let Some(folder) = &args.patient {
+        may_write(folder, &id, args)?;
+    }
+    let mut made = preparation::make(&raw, &id).map_err(|error| {
+        CliError::Usage(format!("{}: {error}; [steps] of {PREPARE_TOML} can say more", args.raw.display()))
+    })?;
+    let pictures = draw(&raw, &made);
+    made.answer.written = made.files.iter().map(|(name, _)| name.clone()).collect();
+    made.answer.written.extend(pictures.iter().map(|(name, _)| name.clone()));
+    made.answer.written.push(format!("{PREPARED}/prepare.json"));
+    made.files.extend(pictures);
+    let folder = args.patient.as_ref().filter(|_| !args.dry_run);
+    if let Some(folder) = folder {
+        let text = serde_json::to_string_pretty(&made.answer)
+            .map_err(|error| CliError::Io { what: "cannot write JSON", source: error.into() })?;
+        made.files.push((format!("{PREPARED}/prepare.json"), format!("{text}\n")));
+        write(folder, &made.files)?;
+    }
+    if args.json {
+        talk.json(&made.answer)?;
+        made.answer.warnings.iter().for_each(|warning| talk.say(&format!("warning: {warning}")));
+    } else {
+        talk.data(&text(&made.answer, talk))?;
+    }
+    match folder {
+        Some(folder) => afterwards(folder, talk),
+        None => talk.hint("nothing was written; without --dry-run a patient's folder is made"),
+    }
+    Ok(Exit::Ok)
+}
+
+fn id_of(raw: &RawFolder, args: &PrepareArgs) -> Result<String, CliError> {
+    let name = |path: &Path| {
+        let absolute = std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
+        absolute.file_name().map(|name| name.to_string_lossy().into_owned())
+    };
+    let folder = args.patient.as_deref().and_then(name);
+    match (&raw.file.id, folder) {
+        (Some(id), Some(folder)) if *id != folder => Err(CliError::Usage(format!(
+            "{PREPARE_TOML} says id = {id:?}, but the patient's folder is to be called {folder:?}: give both the same name"
+        ))),
+        (Some(id), _) => Ok(id.clone()),
+        (None, Some(folder)) => Ok(folder),
+        (None, None) => Ok(name(&args.raw).unwrap_or_else(|| "patient".to_owned())),
+    }
+}
+
+/// A folder is made where there is none, or takes the place of one that was made by this command.
+fn may_write(folder: &Path, id: &str, args: &PrepareArgs) -> Result<(), CliError> {
+    let usage = |text: String| Err(CliError::Usage(text));
+    if id.is_empty() || id == ".." || id == "." {
+        return usage(format!("{} is no name of a patient's folder", folder.display()));
+    }
+    let inside = |a: &Path, b: &Path| {
+        let real = |p: &Path| p.canonicalize().or_else(|_| std::path::absolute(p)).unwrap_or_else(|_| p.to_owned());
+        real(b).starts_with(real(a))
+    };
+    if inside(&args.raw, folder) || inside(folder, &args.raw) {
+        return usage(format!(
+            "{} and {} lie in each other: give the patient a folder of its own",
+            folder.display(),
+            args.raw.display()
+        ));
+    }
+    let empty = std::fs::read_dir(folder).is_ok_and(|mut entries| entries.next().is_none());
+    if !folder.exists() || empty || args.dry_run {
+        return Ok(());
+    }
+    let ours = folder.join(PREPARED).join("prepare.json").is_file();
+    match (args.replace, ours) {
+        (true, true) => Ok(()),
+        (false, true) => usage(format!("{} is there already; `--replace` makes it anew", folder.display())),
+        (_, false) => usage(format!(
+            "{} is there already and was not made by `cardiotwin prepare`; give another folder, nothing was written",
+            folder.display()
+        )),
+    }
+}
+
+/// The whole folder beside its place, then under its name: it is there whole or not at all.
+fn write(folder: &Path, files: &[(String, String)]) -> Result<(), CliError> {
+    let parent = folder.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or_else(|| Path::new("."));
+    std::fs::create_dir_all(parent).map_err(CliError::file("make", parent))?;
+    let beside = tempfile::Builder::new()
+        .prefix(".preparing-")
+        .tempdir_in(parent)
+        .map_err(CliError::file("make a folder in", parent))?;
+    for (name, content) in files {
+        let path = beside.path().join(name);
+        if let Some(folder) = path.parent() {
+            std::fs::create_dir_all(folder).map_err(CliError::file("make", folder))?;
+        }
+        let mut file = std::fs::File::create_new(&path).map_err(CliError::file("make", &path))?;
+        file.write_all(content.as_bytes()).and_then(|()| file.sync_all()).map_err(CliError::file("write", &path))?;
+    }
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::PermissionsExt as _;
+        // A temporary folder is its maker's alone; a patient's is as readable as the folder that it lies in.
+        let mode = std::fs::metadata(parent).map_err(CliError::file("read", parent))?.permissions().mode() & 0o777;
+        std::fs::set_permissions(beside.path(), std::fs::Permissions::from_mode(mode | 0o700))
+            .map_err(CliError::file("make", folder))?;
+    }
+    let occupied = std::fs::read_dir(folder).is_ok_and(|mut entries| entries.next().is_some());
+    if occupied {
+        // Both folders change places at once, so that there is a whole one at every moment; the old one goes with `beside`.
+        use rustix::fs::{CWD, RenameFlags, renameat_with};
+        let exchanged = renameat_with(CWD, beside.path(), CWD, folder, RenameFlags::EXCHANGE);
+        return exchanged.map_err(|error| CliError::file("replace", folder)(error.into()));
+    }
+    std::fs::rename(beside.path(), folder).map_err(CliError::file("make", folder))?;
+    let _ = beside.keep();
+    Ok(())
+}
+
+/// `check` of what was made: the same eyes as before a run.
+fn afterwards(folder: &Path, talk: &Talk) {
+    let mut report = Report::default();
+    load_alone(folder, &mut report);
+    let said = problems::text(&report, talk.colour_err);
+    if !said.is_empty() {
+        talk.say(said.trim_end());
+    }
+    let complaints = report.n_errors() + report.n_warnings();
+    let checked = if complaints == 0 {
+        "nothing to complain about".to_owned()
+    } else {
+        format!("{}, {}", count(report.n_errors(), "error"), count(report.n_warnings(), "warning"))
+    };
+    talk.say(&format!("made {}; checked as `cardiotwin check` does: {checked}", folder.display()));
+    talk.hint(&format!("look at {}", folder.join(PREPARED).join("beats.svg").display()));
+}
+
+fn draw(raw: &RawFolder, made: &Made) -> Vec<(String, String)> {
+    let mut pictures = Vec::new();
+    let steps = |wanted: &[&str]| -> Vec<String> {
+        let chosen = made.answer.steps.iter().filter(|step| wanted.contains(&step.step.as_str()));
+        chosen.map(|step| format!("{}: {}", step.step, step.what)).collect()
+    };
+    let beats = drawings::beats(raw, &made.prepared, &made.answer.id);
+    let mut text = beats.text;
+    text.extend(steps(&["drift", "average"]));
+    let lines = BeatLines {
+        title: beats.title,
+        text,
+        kept: beats.kept,
+        left_out: beats.left_out,
+        mean: beats.mean,
+        band: beats.band,
+        events: beats.events,
+    };
+    pictures.extend(beats_svg(&lines).map(|svg| (format!("{PREPARED}/beats.svg"), svg)));
+    if let Some(volume) = drawings::volume(raw, &made.prepared) {
+        let [original, adjusted, synchronised] = volume.frames;
+        let [sheared_loop, synchronised_loop] = volume.loops;
+        let lines = VolumeLines {
+            title: format!("{}: volume after each step", made.answer.id),
+            text: steps(&["volume", "cycle", "synchronise"]),
+            original,
+            adjusted,
+            image: volume.image,
+            synchronised,
+            sheared_loop,
+            synchronised_loop,
+        };
+        pictures.extend(volume_svg(&lines).map(|svg| (format!("{PREPARED}/volume.svg"), svg)));
+    }
+    pictures
+}
+
+fn text(answer: &Preparation, talk: &Talk) -> String {
+    let mut table = Columns::new(talk, &["STEP", "STATE", "WHAT"]);
+    for step in &answer.steps {
+        let tone = match step.state {
+            StepState::Done | StepState::Given => Some(Tone::Good),
+            StepState::Off | StepState::Unchanged => Some(Tone::Quiet),
+            StepState::Lacking => Some(Tone::Doubtful),
+        };
+        table.toned([(step.step.clone(), None), (step.state.word().to_owned(), tone), (step.what.clone(), None)]);
+    }
+    let mut text = table.text();
+    if !answer.beats.left_out.is_empty() {
+        let mut table = Columns::new(talk, &[">BEAT", ">AT (s)", "KIND", "WHY"]);
+        for beat in answer.beats.left_out.iter().take(MOST_NAMED) {
+            let at = format!("{:.2}", 1e-3 * beat.onset_ms);
+            table.row([&beat.number.to_string(), &at, &beat.kind, &beat.reasons.join("; ")]);
+        }
+        text.push_str(&format!("\n{}", table.text()));
+        if answer.beats.left_out.len() > MOST_NAMED {
+            let rest = answer.beats.left_out.len() - MOST_NAMED;
+            text.push_str(&format!("and {rest} more: {PREPARED}/beats.csv\n"));
+        }
+    }
+    for warning in &answer.warnings {
+        text.push_str(&format!("warning: {warning}\n"));
+    }
+    text
+}

@@ -1,0 +1,307 @@
+//! A folder of recordings: `prepare.toml` and the files that it names, read and checked.
+
+use std::path::{Path, PathBuf};
+
+use cardiotwin_recordings::cine::{Cine, CineError};
+use cardiotwin_recordings::recording::{Channels, Recording, RecordingError};
+use cardiotwin_recordings::table::{Table, Wanted, parse};
+use cardiotwin_schemas::hash::sha256_hex;
+use cardiotwin_schemas::preparation::RawInput;
+use cardiotwin_schemas::raw::{BeatSource, RawFile};
+use cardiotwin_signals::Problem;
+
+use super::cohort::read_as;
+use super::document::Document;
+use super::layers::line_of;
+use super::report::Report;
+
+/// What the folder's file is called.
+pub const PREPARE_TOML: &str = "prepare.toml";
+/// kPa to mmHg.
+const MMHG_PER_KPA: f64 = cardiotwin_units::MMHG_PER_KPA;
+/// L/min to mL/s.
+const ML_PER_S_PER_L_PER_MIN: f64 = 1000.0 / 60.0;
+
+/// A folder of recordings that was read.
+#[derive(Debug, Clone)]
+pub struct RawFolder {
+    /// What `prepare.toml` says.
+    pub file: RawFile,
+    /// The catheter's recording.
+    pub recording: Recording,
+    /// The cine series, where there is one.
+    pub cine: Option<Cine>,
+    /// Flow of one cycle, times in ms and flows in mL/s, where there is a file of it.
+    pub flow: Option<(Vec<f64>, Vec<f64>)>,
+    /// What was read.
+    pub inputs: Vec<RawInput>,
+}
+
+/// Reads a folder of recordings; every problem goes to `report`. None where there is an error among them.
+pub fn read_raw(folder: &Path, report: &mut Report) -> Option<RawFolder> {
+    let path = folder.join(PREPARE_TOML);
+    let (document, given) = if path.exists() {
+        let document = Document::read(&path, None, report)?;
+        let file: RawFile = read_as(&document, None, report)?;
+        (document, file)
+    } else {
+        (Document::parse(&path, "", None, report), RawFile::default())
+    };
+    let mut reader = Reader { folder, document: &document, report, inputs: Vec::new() };
+    reader.check(&given);
+    let catheter = reader.catheter(&given);
+    let cine = reader.cine(&given);
+    let flow = reader.flow(&given);
+    let inputs = std::mem::take(&mut reader.inputs);
+    let recording = catheter?;
+    (report.n_errors() == 0).then_some(RawFolder { file: given, recording, cine, flow, inputs })
+}
+
+struct Reader<'a> {
+    folder: &'a Path,
+    document: &'a Document,
+    report: &'a mut Report,
+    inputs: Vec<RawInput>,
+}
+
+impl Reader<'_> {
+    fn error(&mut self, key: &str, found: impl Into<String>, expected: impl Into<String>, remedy: impl Into<String>) {
+        let mut problem = Problem::error(&self.document.file, found, expected, remedy).at_key(key);
+        problem.line = Some(line_of(self.document, key)).filter(|line| *line > 0);
+        self.report.add(None, problem);
+    }
+
+    fn range(&mut self, key: &str, value: Option<f64>, low: f64, high: f64, unit: &str) {
+        if let Some(value) = value.filter(|value| !(low..=high).contains(value)) {
+            let expected = format!("{low} to {high} {unit}");
+            self.error(key, format!("{value} {unit}"), expected.trim_end(), "check the number and its unit");
+        }
+    }
+
+    fn check(&mut self, file: &RawFile) {
+        if let Some(id) = &file.id {
+            let sound =
+                !id.is_empty() && id.len() <= 64 && id.chars().all(|c| c.is_ascii_alphanumeric() || "-_.".contains(c));
+            if !sound || id.starts_with('.') {
+                self.error(
+                    "id",
+                    format!("{id:?}"),
+                    "letters, digits, `-`, `_` and `.`",
+                    "choose a pseudonym: it is the name of a folder",
+                );
+            }
+        }
+        self.range("cine.cycle_length_ms", file.cine.cycle_length_ms, 200.0, 3000.0, "ms");
+        self.range("flow.sd_mL", file.flow.sd_ml, 0.0, 200.0, "mL");
+        self.range("anatomy.wall_volume_mL", file.anatomy.wall_volume_ml, 1.0, 1000.0, "mL");
+        if let Some(image) = &file.whole_heart {
+            self.range("whole_heart.volume_mL", Some(image.volume_ml), 5.0, 1000.0, "mL");
+            self.range("whole_heart.sd_mL", image.sd_ml, 0.0, 200.0, "mL");
+            self.range("whole_heart.time_ms", Some(image.time_ms), 0.0, 3000.0, "ms");
+        }
+        if let Some(cuff) = &file.cuff {
+            self.range("cuff.systolic_mmHg", Some(cuff.systolic_mmhg), 30.0, 350.0, "mmHg");
+            self.range("cuff.diastolic_mmHg", Some(cuff.diastolic_mmhg), 10.0, 250.0, "mmHg");
+            self.range("cuff.sd_mmHg", cuff.sd_mmhg, 0.0, 100.0, "mmHg");
+            if cuff.diastolic_mmhg >= cuff.systolic_mmhg {
+                let found =
+                    format!("{} mmHg at a systolic pressure of {} mmHg", cuff.diastolic_mmhg, cuff.systolic_mmhg);
+                self.error("cuff.diastolic_mmHg", found, "diastolic below systolic", "swap the two or correct them");
+            }
+            let between = cuff.diastolic_mmhg..=cuff.systolic_mmhg;
+            if let Some(mean) = cuff.mean_mmhg.filter(|mean| !between.contains(mean)) {
+                self.error(
+                    "cuff.mean_mmHg",
+                    format!("{mean} mmHg"),
+                    "a pressure between both",
+                    "correct it or remove it",
+                );
+            }
+        }
+        let steps = &file.steps;
+        self.range("steps.average.cycle_length_ms", steps.average.cycle_length_ms, 200.0, 3000.0, "ms");
+        self.range("steps.volume.factor", steps.volume.factor, 0.1, 10.0, "");
+        self.range("steps.cycle.systole_factor", steps.cycle.systole_factor, 0.3, 3.0, "");
+        self.range("steps.synchronise.lag_ms", steps.synchronise.lag_ms, -2000.0, 2000.0, "ms");
+        self.range("steps.noise.pressure_rms_mmHg", steps.noise.pressure_rms_mmhg, 0.0, 50.0, "mmHg");
+        self.range("steps.noise.pressure_correlation_ms", steps.noise.pressure_correlation_ms, 0.0, 1000.0, "ms");
+        self.range("steps.noise.volume_rms_mL", steps.noise.volume_rms_ml, 0.0, 100.0, "mL");
+        let given = steps.beats.source == Some(BeatSource::Given);
+        if given == steps.beats.onsets_ms.is_empty() {
+            let (found, remedy) = if given {
+                ("no times, and source = \"given\"", "give the times, or another source")
+            } else {
+                (
+                    "times, and a source that does not take them",
+                    "add source = \"given\" to [steps.beats], or remove the times",
+                )
+            };
+            self.error("steps.beats.onsets_ms", found, "both or none", remedy);
+        }
+        if !steps.beats.onsets_ms.windows(2).all(|w| w[1] > w[0]) {
+            self.error("steps.beats.onsets_ms", "times that do not increase", "increasing times", "sort them");
+        }
+        for number in steps.reject.keep.iter().filter(|number| steps.reject.leave_out.contains(number)) {
+            let found = format!("beat {number} in both keep and leave_out");
+            self.error("steps.reject.keep", found, "each beat in one of them", "remove it from the other");
+        }
+    }
+
+    /// The bytes of a file that is named, or has its usual name; its key names it in problems.
+    fn bytes(&mut self, key: &str, named: Option<&String>, usual: &str) -> Option<(PathBuf, Vec<u8>)> {
+        let name = named.map_or(usual, String::as_str);
+        let path = self.folder.join(name);
+        if named.is_none() && !path.exists() {
+            return None;
+        }
+        match std::fs::read(&path) {
+            Ok(bytes) => {
+                self.inputs.push(RawInput { file: name.to_owned(), sha256: sha256_hex(&bytes), n_rows: 0 });
+                Some((path, bytes))
+            }
+            Err(error) => {
+                let found = format!("{name:?}, but no readable file {} ({error})", path.display());
+                self.error(
+                    key,
+                    found,
+                    "a CSV file in the folder of the recordings",
+                    "put the file there or correct its name",
+                );
+                None
+            }
+        }
+    }
+
+    fn table(&mut self, path: &Path, bytes: &[u8], wanted: &[Wanted]) -> Option<Table> {
+        let reading = parse(bytes, path, wanted);
+        reading.problems.into_iter().for_each(|problem| self.report.add(None, problem));
+        let table = reading.table?;
+        if let Some(input) = self.inputs.last_mut() {
+            input.n_rows = table.columns.values().next().map_or(0, Vec::len);
+        }
+        Some(table)
+    }
+
+    fn catheter(&mut self, file: &RawFile) -> Option<Recording> {
+        let key = "catheter.file";
+        let columns = &file.catheter.columns;
+        let Some((path, bytes)) = self.bytes(key, file.catheter.file.as_ref(), "catheter.csv") else {
+            if file.catheter.file.is_none() {
+                let found = format!("no catheter.csv in {}", self.folder.display());
+                let remedy =
+                    "put the recording there, or name it in [catheter] of prepare.toml; docs/prepare.md has an example";
+                self.error(key, found, "a continuous recording with a pressure", remedy);
+            }
+            return None;
+        };
+        let wanted = [
+            time(&columns.time_ms, &columns.time_s),
+            channel(
+                "lv_pressure",
+                &[
+                    ("lv_pressure_mmHg", &columns.lv_pressure_mmhg, 1.0),
+                    ("lv_pressure_kPa", &columns.lv_pressure_kpa, MMHG_PER_KPA),
+                ],
+            ),
+            channel(
+                "aortic_pressure",
+                &[
+                    ("aortic_pressure_mmHg", &columns.aortic_pressure_mmhg, 1.0),
+                    ("aortic_pressure_kPa", &columns.aortic_pressure_kpa, MMHG_PER_KPA),
+                ],
+            ),
+            channel(
+                "flow",
+                &[
+                    ("flow_mL_per_s", &columns.flow_ml_per_s, 1.0),
+                    ("flow_L_per_min", &columns.flow_l_per_min, ML_PER_S_PER_L_PER_MIN),
+                ],
+            ),
+            channel("ecg", &[("ecg_mV", &columns.ecg_mv, 1.0), ("ecg_uV", &columns.ecg_uv, 1e-3)]),
+        ];
+        let mut table = self.table(&path, &bytes, &wanted)?;
+        let mut take = |quantity: &str| table.columns.remove(quantity);
+        let channels = Channels {
+            time_ms: take("time")?,
+            lv_pressure_mmhg: take("lv_pressure"),
+            aortic_pressure_mmhg: take("aortic_pressure"),
+            flow_ml_per_s: take("flow"),
+            ecg_mv: take("ecg"),
+        };
+        match Recording::new(channels) {
+            Ok(recording) => Some(recording),
+            Err(error) => {
+                let remedy = match error {
+                    RecordingError::NoPressure => {
+                        "name a column lv_pressure_mmHg or aortic_pressure_mmHg, or say in [catheter.columns] which one it is"
+                    }
+                    RecordingError::Step { step_ms } if step_ms < 0.05 => {
+                        "these look like seconds: name the column time_s"
+                    }
+                    _ => "export the whole recording, every sample with its time",
+                };
+                let problem =
+                    Problem::error(&path, error.to_string(), "a continuous recording with a pressure", remedy);
+                self.report.add(None, problem);
+                None
+            }
+        }
+    }
+
+    fn cine(&mut self, file: &RawFile) -> Option<Cine> {
+        let columns = &file.cine.columns;
+        let (path, bytes) = self.bytes("cine.file", file.cine.file.as_ref(), "cine.csv")?;
+        let mut volume = channel("volume", &[("volume_mL", &columns.volume_ml, 1.0)]);
+        (volume.required, volume.may_lack) = (true, false);
+        let mut table = self.table(&path, &bytes, &[time(&columns.time_ms, &columns.time_s), volume])?;
+        let (time_ms, volume_ml) = (table.columns.remove("time")?, table.columns.remove("volume")?);
+        let lines: Vec<f64> = time_ms.clone();
+        match Cine::new(time_ms, volume_ml, file.cine.cycle_length_ms) {
+            Ok(cine) => Some(cine),
+            Err(error) => {
+                let (line, remedy) = match &error {
+                    CineError::Volume { time_ms, .. } => {
+                        let row = lines.iter().position(|t| t == time_ms).unwrap_or(0);
+                        (Some(table.line(row)), "give the cavity's volume in mL in every frame")
+                    }
+                    CineError::Beyond { .. } => (None, "give one cycle of frames, and its length in [cine]"),
+                    CineError::TooFew { .. } => (None, "export all frames of the cycle"),
+                };
+                let mut problem = Problem::error(&path, error.to_string(), "the frames of one cycle", remedy);
+                problem.line = line;
+                self.report.add(None, problem);
+                None
+            }
+        }
+    }
+
+    fn flow(&mut self, file: &RawFile) -> Option<(Vec<f64>, Vec<f64>)> {
+        let columns = &file.flow.columns;
+        let (path, bytes) = self.bytes("flow.file", file.flow.file.as_ref(), "flow.csv")?;
+        let mut flow = channel(
+            "flow",
+            &[
+                ("flow_mL_per_s", &columns.flow_ml_per_s, 1.0),
+                ("flow_L_per_min", &columns.flow_l_per_min, ML_PER_S_PER_L_PER_MIN),
+            ],
+        );
+        (flow.required, flow.may_lack) = (true, false);
+        let mut table = self.table(&path, &bytes, &[time(&columns.time_ms, &columns.time_s), flow])?;
+        Some((table.columns.remove("time")?, table.columns.remove("flow")?))
+    }
+}
+
+fn time(ms: &Option<String>, s: &Option<String>) -> Wanted {
+    let mut wanted = channel("time", &[("time_ms", ms, 1.0), ("time_s", s, 1000.0)]);
+    (wanted.required, wanted.may_lack) = (true, false);
+    wanted
+}
+
+/// A quantity under the keys' own names, or under the one that was given: then no other column is meant.
+fn channel(quantity: &'static str, names: &[(&str, &Option<String>, f64)]) -> Wanted {
+    let given = names.iter().filter_map(|(_, given, factor)| Some(((*given).clone()?, *factor)));
+    let given: Vec<(String, f64)> = given.collect();
+    let required = !given.is_empty();
+    let own = names.iter().map(|(name, _, factor)| ((*name).to_owned(), *factor)).collect();
+    Wanted { quantity, names: if required { given } else { own }, required, may_lack: true }
+}

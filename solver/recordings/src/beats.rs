@@ -1,0 +1,124 @@
+//! Where each beat begins: at the R wave, or without an electrocardiogram where the pressure begins to rise.
+
+use crate::landmarks::{refine, usual_course};
+use crate::recording::Recording;
+use crate::{r_waves, upstrokes};
+
+/// Cycle lengths outside of which two beginnings make no beat, ms: the next recording, or a stretch without a signal.
+const LENGTHS_MS: std::ops::RangeInclusive<f64> = 120.0..=5000.0;
+/// A rise of pressure belongs to a beat that begins at most so long after it, ms: the next one's comes 30 ms after the R wave
+/// at the earliest, and a fluid-filled line delays it further.
+const EARLY_MS: f64 = 20.0;
+
+/// Half of the stretch around the steepest rise that beats are compared over, ms: from before the foot to ejection.
+const RISE_MS: f64 = 70.0;
+
+/// What the beginnings were taken from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Source {
+    /// R waves.
+    RWave,
+    /// The rise of the ventricle's pressure, or of the aorta's where that alone was recorded.
+    PressureRise,
+    /// Given in the settings.
+    Given,
+}
+
+/// How to find them.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct BeatSettings {
+    /// From what; none takes the R wave where there is an electrocardiogram.
+    pub source: Option<Source>,
+    /// The beginnings themselves, ms on the recording's clock, for [`Source::Given`].
+    pub onsets_ms: Vec<f64>,
+}
+
+/// A beat, from its beginning to the next one's.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Beat {
+    /// Beginning since the recording's first sample, ms.
+    pub onset_ms: f64,
+    /// Cycle length, ms.
+    pub length_ms: f64,
+}
+
+/// Beats of a recording.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FoundBeats {
+    /// From what.
+    pub source: Source,
+    /// In order of time, from the first whole one to the last whole one.
+    pub beats: Vec<Beat>,
+    /// Times of the steepest rises of the leading pressure since the first sample, ms.
+    pub rises_ms: Vec<f64>,
+    /// Time before the first and after the last beat, and in stretches without one, ms.
+    pub left_over_ms: f64,
+}
+
+/// Why there are no beats.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum BeatError {
+    /// R waves were asked for.
+    #[error("no electrocardiogram to take R waves from")]
+    NoEcg,
+    /// Fewer than two beginnings.
+    #[error("{n_found} beginnings of beats in {length_ms:.0} ms, but a beat lasts from one to the next")]
+    NoBeats {
+        /// How many were found.
+        n_found: usize,
+        /// Length of the recording, ms.
+        length_ms: f64,
+    },
+}
+
+/// Finds the beats.
+///
+/// # Errors
+/// [`BeatError`] where there are none. Verified by `beats_begin_where_they_were_made`.
+pub fn find(recording: &Recording, settings: &BeatSettings) -> Result<FoundBeats, BeatError> {
+    let slopes = upstrokes::slopes(recording, recording.leading_pressure());
+    let rises_ms = upstrokes::find(recording, &slopes);
+    let source =
+        settings.source.unwrap_or(if recording.ecg_mv.is_some() { Source::RWave } else { Source::PressureRise });
+    let onsets = match source {
+        Source::RWave => r_waves::find(recording, recording.ecg_mv.as_deref().ok_or(BeatError::NoEcg)?),
+        Source::PressureRise => {
+            let rises = refine(recording, recording.leading_pressure(), &rises_ms, RISE_MS);
+            let lead = lead_of_the_foot(recording, &rises);
+            rises.iter().map(|t| t - lead).collect()
+        }
+        Source::Given => settings.onsets_ms.iter().map(|t| t - recording.begin_ms).collect(),
+    };
+    let beats: Vec<Beat> = onsets
+        .windows(2)
+        .map(|w| Beat { onset_ms: w[0], length_ms: w[1] - w[0] })
+        .filter(|beat| beat.onset_ms >= 0.0 && LENGTHS_MS.contains(&beat.length_ms))
+        .collect();
+    if beats.is_empty() {
+        return Err(BeatError::NoBeats { n_found: onsets.len(), length_ms: recording.length_ms() });
+    }
+    let left_over_ms = recording.length_ms() - beats.iter().map(|beat| beat.length_ms).sum::<f64>();
+    Ok(FoundBeats { source, beats, rises_ms, left_over_ms: left_over_ms.max(0.0) })
+}
+
+/// Time from the foot of the rise to its steepest place, ms: where the tangent of the usual rise meets the usual pressure
+/// before it. One number for all beats, so that noise of the foot of each does not enter.
+fn lead_of_the_foot(recording: &Recording, rises_ms: &[f64]) -> f64 {
+    let step = recording.step_ms;
+    let (usual, middle_ms) = usual_course(recording, recording.leading_pressure(), rises_ms, 160.0);
+    let middle = (middle_ms / step).round() as usize;
+    let slope = |k: usize| (usual[k + 1] - usual[k - 1]) / (2.0 * step);
+    let near = (middle - middle / 4).max(1)..=(middle + middle / 4).min(usual.len() - 2);
+    let Some(steepest) = near.max_by(|a, b| slope(*a).total_cmp(&slope(*b))) else { return 0.0 };
+    // The lowest pressure before the rise lies early in diastole: the foot is where the rise leaves the level just before it.
+    let level = (1..steepest).rev().find(|k| slope(*k) < 0.1 * slope(steepest)).map_or(usual[0], |k| usual[k]);
+    let lead = (usual[steepest] - level) / slope(steepest) + middle_ms - steepest as f64 * step;
+    if lead.is_finite() { lead.clamp(0.0, 150.0) } else { 0.0 }
+}
+
+/// Number of the rises of pressure that belong to a beat.
+#[must_use]
+pub fn rises_of(beat: &Beat, rises_ms: &[f64]) -> usize {
+    let (first, last) = (beat.onset_ms - EARLY_MS, beat.onset_ms + beat.length_ms - EARLY_MS);
+    rises_ms.partition_point(|t| *t < last) - rises_ms.partition_point(|t| *t < first)
+}

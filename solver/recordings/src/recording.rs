@@ -1,0 +1,256 @@
+//! What was recorded continuously, on one clock with one step.
+
+use crate::filter::median;
+
+/// A gap between samples above so many usual steps is one; below it a lost sample is bridged.
+const GAP_STEPS: f64 = 3.5;
+/// Fraction of the step by which times may miss the grid before values are interpolated.
+const ON_GRID: f64 = 0.02;
+/// Fewest samples.
+const FEWEST: usize = 100;
+/// Steps that recordings of a heart have, ms.
+const STEPS_MS: std::ops::RangeInclusive<f64> = 0.05..=20.0;
+/// Samples that a grid may have: gaps are filled with missing ones, and a time that is wrong by hours must not fill the memory.
+const MOST: usize = 200_000_000;
+
+/// Why samples do not make a recording.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum RecordingError {
+    /// Too few.
+    #[error("{n_samples} samples, but a recording has at least {FEWEST}")]
+    TooFew {
+        /// How many.
+        n_samples: usize,
+    },
+    /// The usual distance between samples is not that of a recording.
+    #[error("a sample every {step_ms} ms, but 0.05 to 20 ms are expected")]
+    Step {
+        /// The usual distance, ms.
+        step_ms: f64,
+    },
+    /// The times span far more than the samples fill.
+    #[error("times from {first_ms} to {last_ms} ms, where {n_samples} samples every {step_ms} ms are far too few")]
+    Span {
+        /// First time, ms.
+        first_ms: f64,
+        /// Last time, ms.
+        last_ms: f64,
+        /// How many samples.
+        n_samples: usize,
+        /// The usual distance, ms.
+        step_ms: f64,
+    },
+    /// No pressure.
+    #[error("no pressure, neither of the ventricle nor of the aorta")]
+    NoPressure,
+}
+
+/// Channels on one grid; a sample that is missing is NaN.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Recording {
+    /// Time of the first sample, ms.
+    pub begin_ms: f64,
+    /// Distance of samples, ms.
+    pub step_ms: f64,
+    /// Pressure of the left ventricle, mmHg.
+    pub lv_pressure_mmhg: Option<Vec<f64>>,
+    /// Pressure in the aorta, mmHg.
+    pub aortic_pressure_mmhg: Option<Vec<f64>>,
+    /// Flow in the ascending aorta, mL/s, positive out of the heart.
+    pub flow_ml_per_s: Option<Vec<f64>>,
+    /// Electrocardiogram, mV.
+    pub ecg_mv: Option<Vec<f64>>,
+}
+
+/// Channels as they were sampled: the same order as in [`Recording`].
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Channels {
+    /// Times, ms, increasing.
+    pub time_ms: Vec<f64>,
+    /// See [`Recording::lv_pressure_mmhg`].
+    pub lv_pressure_mmhg: Option<Vec<f64>>,
+    /// See [`Recording::aortic_pressure_mmhg`].
+    pub aortic_pressure_mmhg: Option<Vec<f64>>,
+    /// See [`Recording::flow_ml_per_s`].
+    pub flow_ml_per_s: Option<Vec<f64>>,
+    /// See [`Recording::ecg_mv`].
+    pub ecg_mv: Option<Vec<f64>>,
+}
+
+impl Recording {
+    /// Brings channels to a grid of their usual step. Samples that lie on it stay as they are, others are interpolated
+    /// linearly; where more than three are lost, they are missing.
+    ///
+    /// # Errors
+    /// [`RecordingError`] where there are too few samples, a strange step, or no pressure.
+    pub fn new(channels: Channels) -> Result<Self, RecordingError> {
+        let Channels { time_ms, lv_pressure_mmhg, aortic_pressure_mmhg, flow_ml_per_s, ecg_mv } = channels;
+        let n = time_ms.len();
+        if n < FEWEST {
+            return Err(RecordingError::TooFew { n_samples: n });
+        }
+        if lv_pressure_mmhg.is_none() && aortic_pressure_mmhg.is_none() {
+            return Err(RecordingError::NoPressure);
+        }
+        let (first_ms, last_ms) = (time_ms[0], time_ms[n - 1]);
+        let usual = median(time_ms.windows(2).take(100_000).map(|w| w[1] - w[0]));
+        if !STEPS_MS.contains(&usual) {
+            return Err(RecordingError::Step { step_ms: usual });
+        }
+        // Without gaps the whole length gives the step to more digits than one difference of rounded times.
+        let mean = (last_ms - first_ms) / (n - 1) as f64;
+        let without_gaps = time_ms.windows(2).all(|w| w[1] - w[0] < 1.8 * usual);
+        let step_ms = if without_gaps || (mean / usual - 1.0).abs() < 1e-3 { mean } else { usual };
+        let n_grid = ((last_ms - first_ms) / step_ms).round() + 1.0;
+        if n_grid > MOST as f64 || n_grid > 50.0 * n as f64 {
+            return Err(RecordingError::Span { first_ms, last_ms, n_samples: n, step_ms });
+        }
+        let on_grid = |i: usize| (time_ms[i] - first_ms - i as f64 * step_ms).abs() <= ON_GRID * step_ms;
+        let grid = Grid { time_ms: &time_ms, step_ms, n: n_grid as usize };
+        let as_it_is = n_grid as usize == n && (0..n).all(on_grid);
+        let place = |values: Option<Vec<f64>>| values.map(|v| if as_it_is { v } else { grid.place(&v) });
+        Ok(Self {
+            begin_ms: first_ms,
+            step_ms,
+            lv_pressure_mmhg: place(lv_pressure_mmhg),
+            aortic_pressure_mmhg: place(aortic_pressure_mmhg),
+            flow_ml_per_s: place(flow_ml_per_s),
+            ecg_mv: place(ecg_mv),
+        })
+    }
+
+    /// The pressure that beats are judged and aligned by: the ventricle's, or without one the aorta's.
+    #[must_use]
+    pub fn leading_pressure(&self) -> &[f64] {
+        self.lv_pressure_mmhg.as_deref().or(self.aortic_pressure_mmhg.as_deref()).unwrap_or_default()
+    }
+
+    /// Number of samples on the grid.
+    #[must_use]
+    pub fn n_samples(&self) -> usize {
+        self.leading_pressure().len()
+    }
+
+    /// Length, ms.
+    #[must_use]
+    pub fn length_ms(&self) -> f64 {
+        self.n_samples().saturating_sub(1) as f64 * self.step_ms
+    }
+
+    /// Samples in so many ms, at least one.
+    pub(crate) fn samples(&self, ms: f64) -> usize {
+        ((ms / self.step_ms).round() as usize).max(1)
+    }
+
+    /// Position of a time since the first sample, in samples.
+    pub(crate) fn position(&self, since_begin_ms: f64) -> f64 {
+        since_begin_ms / self.step_ms
+    }
+}
+
+struct Grid<'a> {
+    time_ms: &'a [f64],
+    step_ms: f64,
+    n: usize,
+}
+
+impl Grid<'_> {
+    fn place(&self, values: &[f64]) -> Vec<f64> {
+        let first = self.time_ms[0];
+        let mut j = 0;
+        (0..self.n)
+            .map(|i| {
+                let t = first + i as f64 * self.step_ms;
+                while j + 2 < self.time_ms.len() && self.time_ms[j + 1] <= t {
+                    j += 1;
+                }
+                let (t0, t1) = (self.time_ms[j], self.time_ms[j + 1]);
+                let share = (t - t0) / (t1 - t0);
+                if share < 0.02 {
+                    values[j]
+                } else if share > 0.98 {
+                    values[j + 1]
+                } else if t1 - t0 > GAP_STEPS * self.step_ms {
+                    f64::NAN
+                } else {
+                    values[j] + share * (values[j + 1] - values[j])
+                }
+            })
+            .collect()
+    }
+}
+
+/// Value of a channel at a position in samples: cubic (Catmull and Rom) between samples, NaN beside a missing one.
+pub fn at(values: &[f64], position: f64) -> f64 {
+    let n = values.len();
+    if n < 2 || position < 0.0 || position > (n - 1) as f64 {
+        return f64::NAN;
+    }
+    let i = (position as usize).min(n - 2);
+    let x = position - i as f64;
+    if x < 1e-9 {
+        return values[i];
+    }
+    let (p1, p2) = (values[i], values[i + 1]);
+    let p0 = if i > 0 { values[i - 1] } else { 2.0 * p1 - p2 };
+    let p3 = if i + 2 < n { values[i + 2] } else { 2.0 * p2 - p1 };
+    let cubic = p1 + 0.5 * x * (p2 - p0 + x * (2.0 * p0 - 5.0 * p1 + 4.0 * p2 - p3 + x * (3.0 * (p1 - p2) + p3 - p0)));
+    if cubic.is_finite() { cubic } else { p1 + x * (p2 - p1) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn channels(time_ms: Vec<f64>, value: impl Fn(f64) -> f64) -> Channels {
+        let values = time_ms.iter().map(|t| value(*t)).collect();
+        Channels { time_ms, lv_pressure_mmhg: Some(values), ..Channels::default() }
+    }
+
+    #[test]
+    fn samples_on_a_grid_stay_bit_for_bit() {
+        let time: Vec<f64> = (0..500).map(|i| 1000.0 + f64::from(i)).collect();
+        let r = Recording::new(channels(time, |t| (t / 37.0).sin())).unwrap();
+        assert_eq!((r.step_ms, r.begin_ms, r.n_samples()), (1.0, 1000.0, 500));
+        assert_eq!(r.leading_pressure()[123], (1123.0_f64 / 37.0).sin());
+    }
+
+    #[test]
+    fn a_long_gap_is_missing_and_a_lost_sample_is_bridged() {
+        let mut time: Vec<f64> = (0..600).map(f64::from).filter(|t| !(200.0..240.0).contains(t)).collect();
+        time.retain(|t| *t != 300.0);
+        let r = Recording::new(channels(time, |t| t)).unwrap();
+        let p = r.leading_pressure();
+        assert_eq!(p.len(), 600);
+        assert!(p[199] == 199.0 && p[200].is_nan() && p[239].is_nan() && p[240] == 240.0);
+        assert!((p[300] - 300.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn rounded_stamps_are_interpolated() {
+        let time: Vec<f64> = (0..300).map(|i| (f64::from(i) * 4.9).round()).collect();
+        let r = Recording::new(channels(time, |t| 2.0 * t)).unwrap();
+        assert!((r.step_ms - 4.9).abs() < 0.01, "{}", r.step_ms);
+        let p = r.leading_pressure();
+        assert!((100..200).all(|i| (p[i] - 2.0 * i as f64 * r.step_ms).abs() < 0.2));
+    }
+
+    #[test]
+    fn what_is_no_recording_is_refused() {
+        let seconds: Vec<f64> = (0..500).map(|i| f64::from(i) * 1e-3).collect();
+        assert!(matches!(Recording::new(channels(seconds, |t| t)), Err(RecordingError::Step { .. })));
+        let mut far: Vec<f64> = (0..500).map(f64::from).collect();
+        far[499] = 1e12;
+        assert!(matches!(Recording::new(channels(far, |t| t)), Err(RecordingError::Span { .. })));
+        let none = Channels { time_ms: (0..500).map(f64::from).collect(), ..Channels::default() };
+        assert_eq!(Recording::new(none), Err(RecordingError::NoPressure));
+    }
+
+    #[test]
+    fn a_cubic_goes_through_its_samples_and_bends_between() {
+        let v: Vec<f64> = (0..50).map(|i| (f64::from(i) / 8.0).sin()).collect();
+        assert_eq!(at(&v, 7.0), v[7]);
+        assert!((at(&v, 20.5) - (20.5_f64 / 8.0).sin()).abs() < 1e-4);
+        assert!(at(&v, 49.5).is_nan());
+    }
+}

@@ -1,0 +1,336 @@
+//! Which beats are left out of the average, and why: what is damaged, what came early and what follows from that, what looks
+//! like no other beat.
+
+use crate::beats::{Beat, FoundBeats, rises_of};
+use crate::filter::{centre_and_spread, median};
+use crate::recording::{Recording, at};
+
+/// Neighbours on either side whose median is a beat's usual length.
+const NEIGHBOURS: usize = 6;
+/// Shares of the usual length by which a beat must at least be shorter or longer to count as short or long.
+const SHORT: f64 = 0.15;
+/// See [`SHORT`].
+const LONG: f64 = 0.2;
+/// The same in standard deviations of what is usual, where lengths vary more.
+const LENGTH_SD: (f64, f64) = (4.5, 5.0);
+/// Least standard deviation of lengths over the usual one.
+const LEAST_LENGTH_SD: f64 = 0.015;
+/// Longest run of equal samples, ms, and over that of the usual beat, above which the line was stuck.
+const FLAT: (f64, f64) = (40.0, 2.5);
+/// Steepest change between two samples over that of the usual beat, and in mmHg/ms, above which it is an artefact.
+const JUMP: (f64, f64) = (2.5, 6.0);
+/// Pressures that no circulation has, mmHg.
+const POSSIBLE_MMHG: std::ops::RangeInclusive<f64> = -60.0..=400.0;
+/// Distance from the usual beat in standard deviations of what is usual, and at least over the pulse pressure.
+const SHAPE: (f64, f64) = (6.0, 0.04);
+/// Share of the usual cycle from its beginning that the shape is taken from: systole and relaxation.
+const SHAPE_SHARE: f64 = 0.62;
+/// Distance of the samples that a shape is made of, ms.
+const SHAPE_STEP_MS: f64 = 4.0;
+/// Beats that the usual shape is made of, at most.
+const SHAPE_BEATS: usize = 301;
+
+/// Why a beat is left out.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Reason {
+    /// Samples are missing, ms.
+    Missing(f64),
+    /// The same value for so long, ms.
+    Flat(f64),
+    /// A change between two samples that no heart makes, mmHg/ms.
+    Jump(f64),
+    /// A pressure that no circulation has, mmHg.
+    Impossible(f64),
+    /// It came early: the beat before was of this share of the usual length.
+    Premature(f64),
+    /// The next one came early: this share of the usual length.
+    CutShort(f64),
+    /// The beat before it was premature: filling and force are not the usual ones.
+    AfterPremature,
+    /// It lasted so much longer than usual: this share of the usual length.
+    Pause(f64),
+    /// Pressure rose so many times, not once.
+    Rises(usize),
+    /// It differs from the usual beat by so much, mmHg (root mean square), where so much is the limit.
+    Shape(f64, f64),
+    /// The settings say so.
+    ByHand,
+}
+
+impl Reason {
+    /// A word for tables: what kind of beat it is.
+    #[must_use]
+    pub fn kind(&self) -> &'static str {
+        match self {
+            Self::Missing(_) | Self::Flat(_) | Self::Jump(_) | Self::Impossible(_) => "damaged",
+            Self::Premature(_) => "ectopic",
+            Self::CutShort(_) => "cut-short",
+            Self::AfterPremature => "after-ectopic",
+            Self::Pause(_) => "pause",
+            Self::Rises(_) => "no-single-rise",
+            Self::Shape(..) => "unusual-shape",
+            Self::ByHand => "by-hand",
+        }
+    }
+}
+
+impl std::fmt::Display for Reason {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Missing(ms) => write!(f, "{ms:.0} ms of samples are missing"),
+            Self::Flat(ms) => write!(f, "the same value for {ms:.0} ms"),
+            Self::Jump(rate) => write!(f, "a jump of {rate:.1} mmHg/ms"),
+            Self::Impossible(mmhg) => write!(f, "a pressure of {mmhg:.0} mmHg"),
+            Self::Premature(share) => write!(f, "came early, after {:.0} % of the usual cycle", 100.0 * share),
+            Self::CutShort(share) => {
+                write!(f, "the next beat came early, after {:.0} % of the usual cycle", 100.0 * share)
+            }
+            Self::AfterPremature => f.write_str("follows a beat that came early"),
+            Self::Pause(share) => write!(f, "lasted {:.0} % of the usual cycle", 100.0 * share),
+            Self::Rises(0) => f.write_str("pressure does not rise"),
+            Self::Rises(n) => write!(f, "pressure rises {n} times"),
+            Self::Shape(rms, limit) => write!(f, "differs from the usual beat by {rms:.1} mmHg (limit {limit:.1})"),
+            Self::ByHand => f.write_str("left out in prepare.toml"),
+        }
+    }
+}
+
+/// What to leave out.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RejectSettings {
+    /// Whether beats are judged at all; what is missing or left out by hand is left out always.
+    pub enabled: bool,
+    /// Numbers of beats, from 1, that are kept whatever they look like.
+    pub keep: Vec<usize>,
+    /// Numbers of beats, from 1, that are left out.
+    pub leave_out: Vec<usize>,
+    /// Stretches on the recording's clock, ms, whose beats are left out.
+    pub leave_out_ms: Vec<[f64; 2]>,
+}
+
+impl Default for RejectSettings {
+    fn default() -> Self {
+        Self { enabled: true, keep: Vec::new(), leave_out: Vec::new(), leave_out_ms: Vec::new() }
+    }
+}
+
+/// Reasons against each beat, the gravest first; empty where it is kept.
+#[must_use]
+pub fn judge(recording: &Recording, found: &FoundBeats, settings: &RejectSettings) -> Vec<Vec<Reason>> {
+    let beats = &found.beats;
+    let mut reasons: Vec<Vec<Reason>> = vec![Vec::new(); beats.len()];
+    missing(recording, beats, &mut reasons);
+    if settings.enabled {
+        damage(recording, beats, &mut reasons);
+        timing(found, &mut reasons);
+        shape(recording, beats, &mut reasons);
+    }
+    for (idx, (beat, reasons)) in beats.iter().zip(&mut reasons).enumerate() {
+        let (from, to) = (recording.begin_ms + beat.onset_ms, recording.begin_ms + beat.onset_ms + beat.length_ms);
+        let inside = settings.leave_out_ms.iter().any(|[begin, end]| from < *end && to > *begin);
+        if inside || settings.leave_out.contains(&(idx + 1)) {
+            reasons.insert(0, Reason::ByHand);
+        } else if settings.keep.contains(&(idx + 1)) {
+            // A beat without samples cannot be averaged, whoever wants it.
+            reasons.retain(|reason| matches!(reason, Reason::Missing(_)));
+        }
+    }
+    reasons
+}
+
+fn span(recording: &Recording, beat: &Beat) -> std::ops::Range<usize> {
+    let n = recording.n_samples();
+    let first = recording.position(beat.onset_ms).floor().max(0.0) as usize;
+    let last = recording.position(beat.onset_ms + beat.length_ms).ceil() as usize + 1;
+    first.min(n)..last.min(n)
+}
+
+fn missing(recording: &Recording, beats: &[Beat], reasons: &mut [Vec<Reason>]) {
+    let channels = [&recording.lv_pressure_mmhg, &recording.aortic_pressure_mmhg, &recording.flow_ml_per_s];
+    for (beat, reasons) in beats.iter().zip(reasons) {
+        let span = span(recording, beat);
+        let lost =
+            channels.iter().filter_map(|c| c.as_ref()).map(|c| c[span.clone()].iter().filter(|v| v.is_nan()).count());
+        let lost = lost.max().unwrap_or(0);
+        if lost > 0 {
+            reasons.push(Reason::Missing(lost as f64 * recording.step_ms));
+        }
+    }
+}
+
+fn damage(recording: &Recording, beats: &[Beat], reasons: &mut [Vec<Reason>]) {
+    let step = recording.step_ms;
+    for pressure in [&recording.lv_pressure_mmhg, &recording.aortic_pressure_mmhg].into_iter().flatten() {
+        let seen: Vec<(f64, f64, f64)> = beats
+            .iter()
+            .map(|beat| {
+                let values = &pressure[span(recording, beat)];
+                let (mut run, mut longest, mut steepest, mut farthest) = (0, 0, 0.0_f64, 0.0_f64);
+                for w in values.windows(2) {
+                    run = if w[0] == w[1] { run + 1 } else { 0 };
+                    longest = longest.max(run);
+                    steepest = steepest.max((w[1] - w[0]).abs() / step);
+                    if !POSSIBLE_MMHG.contains(&w[0]) && w[0].is_finite() {
+                        farthest = w[0];
+                    }
+                }
+                (longest as f64 * step, steepest, farthest)
+            })
+            .collect();
+        let usual_run = median(seen.iter().map(|s| s.0));
+        let usual_rate = median(seen.iter().map(|s| s.1));
+        for ((run, rate, farthest), reasons) in seen.into_iter().zip(reasons.iter_mut()) {
+            if farthest != 0.0 {
+                reasons.push(Reason::Impossible(farthest));
+            }
+            if rate > (JUMP.0 * usual_rate).max(JUMP.1) {
+                reasons.push(Reason::Jump(rate));
+            }
+            if run > FLAT.0.max(FLAT.1 * usual_run) {
+                reasons.push(Reason::Flat(run));
+            }
+        }
+    }
+}
+
+fn timing(found: &FoundBeats, reasons: &mut [Vec<Reason>]) {
+    let beats = &found.beats;
+    let shares: Vec<f64> = (0..beats.len())
+        .map(|i| {
+            let near = &beats[i.saturating_sub(NEIGHBOURS)..(i + NEIGHBOURS + 1).min(beats.len())];
+            beats[i].length_ms / median(near.iter().map(|b| b.length_ms))
+        })
+        .collect();
+    let sd = centre_and_spread(&shares).1.max(LEAST_LENGTH_SD);
+    let (short, long) = (1.0 - SHORT.max(LENGTH_SD.0 * sd), 1.0 + LONG.max(LENGTH_SD.1 * sd));
+    let follows =
+        |i: usize| i + 1 < beats.len() && (beats[i].onset_ms + beats[i].length_ms - beats[i + 1].onset_ms).abs() < 1e-6;
+    for i in 0..beats.len() {
+        let n_rises = rises_of(&beats[i], &found.rises_ms);
+        if shares[i] < short {
+            // Where a damaged beat begins is not sure, and so neither is what it says of the next one.
+            let sure = !reasons[i].iter().any(|reason| reason.kind() == "damaged");
+            reasons[i].push(Reason::CutShort(shares[i]));
+            if sure && follows(i) {
+                reasons[i + 1].insert(0, Reason::Premature(shares[i]));
+                // A false beginning has no rise of its own, and disturbs nothing after it.
+                if rises_of(&beats[i + 1], &found.rises_ms) > 0 && follows(i + 1) && shares[i + 1] >= short {
+                    reasons[i + 2].push(Reason::AfterPremature);
+                }
+            }
+        } else if shares[i] > long {
+            reasons[i].push(Reason::Pause(shares[i]));
+        }
+        if n_rises != 1 {
+            reasons[i].push(Reason::Rises(n_rises));
+        }
+    }
+}
+
+fn shape(recording: &Recording, beats: &[Beat], reasons: &mut [Vec<Reason>]) {
+    let pressure = recording.leading_pressure();
+    let usual_length = median(beats.iter().map(|b| b.length_ms));
+    let n = ((SHAPE_SHARE * usual_length / SHAPE_STEP_MS) as usize).max(8);
+    let sampled = |beat: &Beat| -> Vec<f64> {
+        let time = |k: usize| beat.onset_ms + k as f64 * SHAPE_STEP_MS;
+        (0..n).map(|k| at(pressure, recording.position(time(k)))).collect()
+    };
+    let good: Vec<usize> = (0..beats.len()).filter(|i| reasons[*i].is_empty()).collect();
+    if good.len() < 4 {
+        return;
+    }
+    let every = good.len().div_ceil(SHAPE_BEATS);
+    let chosen: Vec<Vec<f64>> = good.iter().step_by(every).map(|i| sampled(&beats[*i])).collect();
+    let usual: Vec<f64> = (0..n).map(|k| median(chosen.iter().map(|s| s[k]))).collect();
+    let distance = |beat: &Beat| -> f64 {
+        let here = sampled(beat);
+        let m = here.iter().zip(&usual).map(|(a, b)| a - b).sum::<f64>() / n as f64;
+        (here.iter().zip(&usual).map(|(a, b)| (a - b - m).powi(2)).sum::<f64>() / n as f64).sqrt()
+    };
+    let distances: Vec<f64> = beats.iter().map(distance).collect();
+    let of_good: Vec<f64> = good.iter().map(|i| distances[*i]).collect();
+    let (centre, spread) = centre_and_spread(&of_good);
+    let (low, high) = usual.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(*v), h.max(*v)));
+    let limit = centre + (SHAPE.0 * spread).max(SHAPE.1 * (high - low));
+    for (distance, reasons) in distances.into_iter().zip(reasons) {
+        if distance > limit {
+            reasons.push(Reason::Shape(distance, limit));
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::beats::{BeatSettings, Source, find};
+
+    /// Beats of these lengths, a bell of pressure 250 ms after each beginning.
+    fn recording(lengths: &[f64]) -> (Recording, FoundBeats) {
+        let onsets: Vec<f64> = std::iter::once(0.0)
+            .chain(lengths.iter().scan(0.0, |t, l| {
+                *t += l;
+                Some(*t)
+            }))
+            .collect();
+        let n = *onsets.last().unwrap() as usize + 300;
+        let bell = |t: f64| 100.0 / (1.0 + (-(t - 80.0) / 12.0).exp()) / (1.0 + ((t - 330.0) / 18.0).exp());
+        let pressure = (0..n)
+            .map(|i| 8.0 + onsets.iter().map(|o| bell(i as f64 - o)).fold(0.0, f64::max) + 1e-3 * (i % 7) as f64)
+            .collect();
+        let recording = Recording { step_ms: 1.0, lv_pressure_mmhg: Some(pressure), ..Recording::default() };
+        let settings = BeatSettings { source: Some(Source::Given), onsets_ms: onsets };
+        let found = find(&recording, &settings).unwrap();
+        (recording, found)
+    }
+
+    fn kinds(recording: &Recording, found: &FoundBeats, settings: &RejectSettings) -> Vec<Vec<&'static str>> {
+        judge(recording, found, settings).iter().map(|r| r.iter().map(Reason::kind).collect()).collect()
+    }
+
+    #[test]
+    fn an_early_beat_takes_its_neighbours_along() {
+        let mut lengths = vec![800.0; 20];
+        (lengths[9], lengths[10]) = (520.0, 1080.0);
+        let (recording, found) = recording(&lengths);
+        let kinds = kinds(&recording, &found, &RejectSettings::default());
+        assert_eq!(kinds[9], ["cut-short"]);
+        assert_eq!(kinds[10][0], "ectopic");
+        assert_eq!(kinds[11], ["after-ectopic"]);
+        assert_eq!(kinds.iter().filter(|k| k.is_empty()).count(), 17);
+    }
+
+    #[test]
+    fn damage_is_named_and_what_is_given_by_hand_wins() {
+        let (mut recording, found) = recording(&[800.0; 20]);
+        let pressure = recording.lv_pressure_mmhg.as_mut().unwrap();
+        pressure[2300..2310].fill(f64::NAN);
+        pressure[4000 + 400..4000 + 500].fill(9.0);
+        pressure[6400 + 500] = 60.0;
+        let of = |settings: &RejectSettings| kinds(&recording, &found, settings);
+        let seen = of(&RejectSettings::default());
+        let named: Vec<usize> = (0..20).filter(|i| !seen[*i].is_empty()).collect();
+        assert_eq!(named, [2, 5, 8]);
+        assert!([2, 5, 8].iter().all(|i| seen[*i][0] == "damaged"), "{seen:?}");
+        let by_hand = RejectSettings {
+            keep: vec![3, 6],
+            leave_out: vec![1],
+            leave_out_ms: vec![[15_000.0, 15_010.0]],
+            ..RejectSettings::default()
+        };
+        let seen = of(&by_hand);
+        let named: Vec<usize> = (0..20).filter(|i| !seen[*i].is_empty()).collect();
+        assert_eq!(named, [0, 2, 8, 18], "a beat without samples stays out");
+        let off = RejectSettings { enabled: false, ..RejectSettings::default() };
+        assert_eq!(of(&off).iter().filter(|k| !k.is_empty()).count(), 1);
+    }
+
+    #[test]
+    fn a_weak_beat_at_its_time_is_unusual() {
+        let (mut recording, found) = recording(&[800.0; 20]);
+        let pressure = recording.lv_pressure_mmhg.as_mut().unwrap();
+        pressure[8000..8790].iter_mut().for_each(|p| *p = 8.0 + 0.75 * (*p - 8.0));
+        let seen = kinds(&recording, &found, &RejectSettings::default());
+        assert_eq!(seen[10], ["unusual-shape"]);
+        assert_eq!(seen.iter().filter(|k| !k.is_empty()).count(), 1);
+    }
+}
