@@ -77,7 +77,7 @@ pub enum BeatError {
 /// [`BeatError`] where there are none. Verified by `beats_begin_where_they_were_made`.
 pub fn find(recording: &Recording, settings: &BeatSettings) -> Result<FoundBeats, BeatError> {
     let slopes = upstrokes::slopes(recording, recording.leading_pressure());
-    let rises_ms = upstrokes::find(recording, &slopes);
+    let rises_ms = upstrokes::find(recording, recording.leading_pressure(), &slopes);
     let source =
         settings.source.unwrap_or(if recording.ecg_mv.is_some() { Source::RWave } else { Source::PressureRise });
     let onsets = match source {
