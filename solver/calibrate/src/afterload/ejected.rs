@@ -4,7 +4,7 @@ use super::AfterloadError;
 
 /// Ejection begins where the volume has fallen by this share of the stroke volume and ends where this share is left: the valves'
 /// leaks and a frame's noise on the plateaus are no flow.
-const PLATEAU: f64 = 0.01;
+const PLATEAU: f64 = 0.002;
 
 /// Flow out of the heart over one cycle, mL/s: −dV/dt from the largest volume to the smallest after it, never below zero, zero
 /// elsewhere, and as much in all as the volume falls by.
