@@ -159,6 +159,7 @@ fn options_of(run_dir: &Path, executor: ExecutorSettings) -> RunOptions {
         only: Vec::new(),
         executor,
         worker: None,
+        adopt_version: true,
         watch: false,
     }
 }
