@@ -206,7 +206,7 @@ pub async fn clean(run_dir: &Path, with_series: bool, is_dry: bool) -> Result<Cl
     Ok(cleaned)
 }
 
-/// Copies a run without its scratch to a folder that must not be there, checks every copy, and writes [`MANIFEST`]. The copy
+/// Copies a run without its scratch to a folder that must not be there, checks every copy, and writes `SHA256SUMS`. The copy
 /// is a run like any other. It appears whole: made beside and renamed.
 ///
 /// # Errors
