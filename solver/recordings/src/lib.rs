@@ -3,7 +3,7 @@
 //! One file a step, each a pure function that says what it changed: beats are found ([`beats`]), judged ([`reject`]), freed of
 //! drift ([`drift`]), averaged ([`average`]) with what they differ by ([`noise`]); cine volumes are adjusted to the whole-heart
 //! image ([`volume`]), their cycle is brought to the catheter's ([`cycle`]), and both are synchronised by the valves'
-//! events ([`events`], [`ejection`], [`synchronise`]). [`prepare`] does them in this order.
+//! events ([`events`], [`ejection`], [`synchronise`]). [`prepare()`] does them in this order.
 #![deny(missing_docs)]
 
 pub mod average;
