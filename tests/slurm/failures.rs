@@ -14,6 +14,8 @@ fn patient(cohort: &Cohort) -> Value {
 pub fn a_job_that_a_person_cancels_stays_cancelled(cluster: &Cluster) {
     let cohort = Cohort::of(cluster, &["01-CoA"], SLOW);
     let job = cohort.running_job();
+    // Root's `scancel` before the driver has begun is Slurm's own in all that accounting says (`cancelled.rs`).
+    cohort.wait_for_checkpoint();
     cluster.slurm("scancel", &[&job]);
     assert_eq!(cohort.finish(), 1);
     let status = cohort.status();

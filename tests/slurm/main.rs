@@ -24,8 +24,6 @@ use cluster::Cluster;
 type Test = (&'static str, fn(&Cluster));
 
 const TESTS: &[Test] = &[
-    // First: after tests that stop daemons, accounting may not answer, which is waited for (docs/slurm.md).
-    ("a job that a person cancels stays cancelled", failures::a_job_that_a_person_cancels_stays_cancelled),
     ("a cohort is done after one wait in the queue", whole::a_cohort_is_done_after_one_wait_in_the_queue),
     ("a tick takes two commands", whole::a_tick_takes_two_commands),
     ("a plan is what is submitted", whole::a_plan_is_what_is_submitted),
@@ -41,6 +39,7 @@ const TESTS: &[Test] = &[
     ("a frozen controller has the job all the same", faults::a_frozen_controller_has_the_job_all_the_same),
     ("of two ticks at once one works", faults::of_two_ticks_at_once_one_works),
     ("a killed coordinator is continued", faults::a_killed_coordinator_is_continued),
+    ("a job that a person cancels stays cancelled", failures::a_job_that_a_person_cancels_stays_cancelled),
     ("cancel ends the job and waits for it", failures::cancel_ends_the_job_and_waits_for_it),
     ("a lost node is avoided", failures::a_lost_node_is_avoided),
     (
