@@ -26,6 +26,7 @@ if [ "$purpose" = test ]; then
     any_of chromium chromium-browser google-chrome google-chrome-stable || optional+=(chromium)
     font_is_there || optional+=(fonts-dejavu-core)
     have python3 || optional+=(python3) # the example of an external solver
+    python3 -c 'import ensurepip' 2>/dev/null || optional+=(python3-venv) # the reader of RO-Crates, from PyPI
     deploy/mpi-found.sh >/dev/null || optional+=(openmpi-bin libopenmpi-dev libclang-dev)
 fi
 

@@ -9,6 +9,23 @@ pub fn utc_text(ms: i64) -> String {
     format!("{year:04}-{month:02}-{day:02}T{:02}:{:02}:{:02}.{milli:03}Z", s / 3600, s / 60 % 60, s % 60)
 }
 
+/// The inverse of [`utc_text`]; `None` for any other form.
+#[must_use]
+pub fn utc_ms(text: &str) -> Option<i64> {
+    let (date, time) = text.strip_suffix('Z')?.split_once('T')?;
+    let numbers = |text: &str, separators: &[char]| -> Option<Vec<i64>> {
+        text.split(separators).map(|part| part.parse().ok()).collect()
+    };
+    let ([year, month, day], [h, min, s, milli]) =
+        (<[i64; 3]>::try_from(numbers(date, &['-'])?).ok()?, <[i64; 4]>::try_from(numbers(time, &[':', '.'])?).ok()?);
+    // Days since 0000-03-01, as in `civil`, less those until 1970.
+    let (year, month) = if month > 2 { (year, month - 3) } else { (year - 1, month + 9) };
+    let (era, year_of_era) = (year.div_euclid(400), year.rem_euclid(400));
+    let day_of_year = (153 * month + 2) / 5 + day - 1;
+    let days = era * 146_097 + year_of_era * 365 + year_of_era / 4 - year_of_era / 100 + day_of_year - 719_468;
+    Some(days * 86_400_000 + ((h * 60 + min) * 60 + s) * 1000 + milli)
+}
+
 /// Calendar date of a day counted from 1970-01-01 (Hinnant's algorithm: years that begin in March end with the leap
 /// day, in eras of 400 years).
 fn civil(days: i64) -> (i64, i64, i64) {
@@ -24,7 +41,7 @@ fn civil(days: i64) -> (i64, i64, i64) {
 
 #[cfg(test)]
 mod tests {
-    use super::utc_text;
+    use super::{utc_ms, utc_text};
 
     #[test]
     fn known_instants() {
@@ -39,6 +56,8 @@ mod tests {
             (4_107_542_400_000, "2100-03-01T00:00:00.000Z"),
         ] {
             assert_eq!(utc_text(ms), text);
+            assert_eq!(utc_ms(text), Some(ms));
         }
+        assert_eq!(utc_ms("2024-01-01 00:00:00"), None);
     }
 }

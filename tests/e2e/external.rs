@@ -17,7 +17,7 @@ fn cohort(patient: &str, more: &str) -> Option<Cohort> {
     let cohort = Cohort::quick_of(patient);
     cohort.edit("cohort.toml", "solver.fidelity = \"reduced\"", "solver.fidelity = \"external\"");
     let example = Path::new(env!("CARGO_MANIFEST_DIR")).join("../examples/external-solver");
-    for file in ["lv.py", "lv.par.in", "lv-land.par.in"] {
+    for file in ["lv.py", "lv.par.in"] {
         std::fs::copy(example.join(file), cohort.path().join(file)).unwrap();
     }
     let path = cohort.path().join("cohort.toml");
@@ -64,7 +64,7 @@ fn a_patient_is_personalised_with_another_solver_and_its_source_is_part_of_the_d
 fn parameter_files_and_nodal_results_of_opencarp_give_the_same_answer() {
     let Some(plain) = cohort("02-CoA", "") else { return };
     let settings = "command = [\"python3\", \"{model}\", \"{parameters}\", \"{out}\", \"--igb\"]\nparameters = \"json\"\n\
-                    files = { model = \"lv.py\", par = \"lv.par.in\", \"par@land2017-rice\" = \"lv-land.par.in\" }\ntemplates = { \"lv.par\" = \"par\" }\n\
+                    files = { model = \"lv.py\", par = \"lv.par.in\" }\ntemplates = { \"lv.par\" = \"par\" }\n\
                     results = { igb = { Sa_kPa = \"Sa.igb\", lambda = \"lambda.igb\" }, activation = \"lat.dat\" }";
     let Some(carp) = cohort("02-CoA", settings) else { return };
     let run = |cohort: &Cohort| {
@@ -79,7 +79,10 @@ fn parameter_files_and_nodal_results_of_opencarp_give_the_same_answer() {
     }
     let directory = carp_patient["iterations"][0]["run"]["directory"].as_str().expect("a directory");
     let made = std::fs::read_to_string(Path::new(directory).join("external/lv.par")).expect("the template's file");
-    assert!(made.contains("Tpeak=") && !made.contains('{'), "{made}");
+    assert!(made.contains("\"TanhStress\"") && made.contains("Tpeak=") && !made.contains('{'), "{made}");
+    let directory = carp_patient["verification"]["directory"].as_str().expect("a directory");
+    let made = std::fs::read_to_string(Path::new(directory).join("external/lv.par")).expect("the template's file");
+    assert!(made.contains("\"Stress_Land17\"") && made.contains("nperm="), "{made}");
 }
 
 #[test]

@@ -4,6 +4,7 @@
 mod afterload;
 mod damage;
 mod discover;
+mod export;
 mod external;
 mod finite_element;
 mod fits;

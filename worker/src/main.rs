@@ -4,10 +4,12 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use anyhow::Context as _;
+use cardiotwin_schemas::task::TaskSpec;
 use cardiotwin_worker::bench;
 use cardiotwin_worker::benchmark::run_benchmark;
 use cardiotwin_worker::checkpoint::Checkpoints;
 use cardiotwin_worker::context::Context;
+use cardiotwin_worker::opencarp;
 use cardiotwin_worker::program::{code_of, log, make_folder, read_task, restarting};
 use cardiotwin_worker::provenance::VERSION_TEXT;
 use cardiotwin_worker::run::{run_attempt, simulate};
@@ -67,6 +69,15 @@ enum Command {
         /// No progress on stderr
         #[arg(long)]
         quiet: bool,
+    },
+    /// Write models, mesh and activation times of simulations in openCARP's formats (docs/formats.md)
+    Opencarp {
+        /// Files with the specifications of organ beats in JSON
+        #[arg(required = true, value_name = "SPEC.json")]
+        specs: Vec<PathBuf>,
+        /// Folder for the files; made if it does not exist
+        #[arg(long, value_name = "DIR")]
+        out: PathBuf,
     },
     /// Measure a kernel: medians after a warm-up; with --nodes, a beat in 3D and what it is made of
     Bench {
@@ -162,6 +173,17 @@ fn execute(command: Command) -> anyhow::Result<ExitCode> {
             };
             let done = run_benchmark(&file, out.as_deref(), &stop, &mut progress)?;
             progress(&done.to_string());
+        }
+        Command::Opencarp { specs, out } => {
+            make_folder(&out)?;
+            let beat = |file: &PathBuf| match read_task(file)? {
+                TaskSpec::OrganBeat(spec) => Ok(*spec),
+                _ => anyhow::bail!("{}: not the specification of an organ beat", file.display()),
+            };
+            let specs = specs.iter().map(beat).collect::<anyhow::Result<Vec<_>>>()?;
+            for file in opencarp::write(&specs, &out)? {
+                println!("{}", file.display());
+            }
         }
         Command::Bench { kernel, json, nodes: Some(nodes), threads, element, cycle, step, tolerance, .. } => {
             let positive = [("--cycle", cycle), ("--step", step), ("--tolerance", tolerance)];

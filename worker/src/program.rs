@@ -4,7 +4,7 @@ use std::path::Path;
 use std::process::ExitCode;
 
 use anyhow::Context as _;
-use cardiotwin_schemas::task::TaskSpec;
+use cardiotwin_schemas::task::{AttemptSpec, TaskSpec};
 use tracing::Level;
 
 use crate::attempt::AttemptError;
@@ -40,12 +40,19 @@ pub fn read(file: &Path) -> anyhow::Result<String> {
     std::fs::read_to_string(file).with_context(|| format!("cannot read {}", file.display()))
 }
 
-/// The specification of a task.
+/// The specification of a task, alone or as an attempt's `spec.json` has it.
 ///
 /// # Errors
 /// Names the file that cannot be read, or holds something else.
 pub fn read_task(file: &Path) -> anyhow::Result<TaskSpec> {
-    serde_json::from_str(&read(file)?).with_context(|| format!("{}: not the specification of a task", file.display()))
+    let read = |text: String| {
+        let value: serde_json::Value = serde_json::from_str(&text)?;
+        if value.get("attempt").is_some() {
+            return serde_json::from_value::<AttemptSpec>(value).map(|attempt| attempt.task);
+        }
+        serde_json::from_value(value)
+    };
+    read(self::read(file)?).with_context(|| format!("{}: not the specification of a task", file.display()))
 }
 
 /// Makes a folder for results.

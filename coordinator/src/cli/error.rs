@@ -21,7 +21,7 @@ pub enum CliError {
     /// Drawing the report.
     #[error("cannot write the report")]
     Report(#[source] WriteError),
-    /// Writing tables.
+    /// Writing tables, or the folder of a patient.
     #[error("cannot export")]
     Export(#[source] WriteError),
     /// Making, going on with or analysing a sweep.

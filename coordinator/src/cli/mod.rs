@@ -16,6 +16,7 @@ mod talk;
 #[cfg(test)]
 mod tests;
 mod vtu;
+mod worker;
 
 use std::process::ExitCode;
 

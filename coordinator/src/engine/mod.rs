@@ -42,6 +42,7 @@ mod events;
 mod housekeeping;
 mod leave;
 mod overlay;
+mod programs;
 mod requests;
 mod settings;
 mod show;
@@ -70,6 +71,7 @@ pub use driver::{DriverPlace, drive_here};
 pub use error::EngineError;
 pub use events::{EngineEvent, EventSender, PatientEnding, RunSummary};
 pub use housekeeping::{Archived, Class, Cleaned, DiskUsage, Usage, archive, clean, disk_usage};
+pub use programs::first_line;
 pub use step2::contraction;
 pub use stop::{StopLevel, StopSignal};
 

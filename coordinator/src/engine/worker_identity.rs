@@ -1,11 +1,11 @@
 //! A run keeps the worker that it began with: results of two versions in one cohort would not be comparable without a word.
 
 use std::path::Path;
-use std::process::{Command, Stdio};
 
 use cardiotwin_schemas::hash::sha256_hex;
 
 use super::EngineError;
+use super::programs::first_line;
 use super::world::World;
 use crate::machine::task::Task;
 use crate::store::Writer;
@@ -32,7 +32,8 @@ pub async fn keep(writer: &mut Writer, world: &World, worker: &Path, adopts: boo
     if before == Some(&sha256) {
         return Ok(());
     }
-    let version = version_of(worker);
+    let version = first_line(worker, &["--version"]).filter(|said| !said.is_empty());
+    let version = version.unwrap_or_else(|| "unknown".to_owned());
     let has_results = world.tasks.values().any(|task| matches!(task.state, Task::Published { .. }));
     let is_over = world.patients.iter().filter(|patient| patient.selected).all(|patient| patient.row.state.is_final());
     if let Some(before) = before
@@ -53,11 +54,4 @@ pub async fn keep(writer: &mut Writer, world: &World, worker: &Path, adopts: boo
         tracing::warn!(%version, sha256, "the run goes on with another worker than it began with");
     }
     Ok(writer.set_meta(&[(VERSION, version.as_str()), (SHA256, sha256.as_str())]).await?)
-}
-
-/// What it says of itself.
-fn version_of(worker: &Path) -> String {
-    let output = Command::new(worker).arg("--version").stdin(Stdio::null()).output();
-    let said = output.map(|output| String::from_utf8_lossy(&output.stdout).trim().to_owned()).unwrap_or_default();
-    if said.is_empty() { "unknown".to_owned() } else { said }
 }

@@ -2,6 +2,7 @@
 //! and all traces as one tidy CSV. Touches neither store nor network. Columns are named as in `docs/formats.md`.
 
 mod paper;
+pub mod ro_crate;
 mod table;
 mod traces;
 

@@ -1,7 +1,6 @@
 //! From a folder of recordings that was read to a patient's files, and what each step says of itself.
 
 mod afterload;
-pub mod drawings;
 mod files;
 mod patient;
 mod settings;

@@ -5,6 +5,7 @@ pub mod atomic;
 pub mod columns;
 pub mod comparison;
 pub mod discovery;
+pub mod folder;
 pub mod heart;
 pub mod signals;
 pub mod spread;

@@ -442,7 +442,9 @@ mod tests {
                 let along = (a - b) / (2.0 * eps);
                 let mass = if i == 7 { 0.0 } else { shift * k };
                 let scale = mass.abs() + along.abs() + 1.0;
-                prop_assert!((mass - along - r).abs() <= 1e-5 * scale, "row {}: {} - {} is not {}", i, mass, along, r);
+                // Stresses of up to some 100 kPa cancel in the last row, and a difference over a short way keeps their round-off.
+                let round_off = if i == 7 { 1e4 * f64::EPSILON / eps } else { 0.0 };
+                prop_assert!((mass - along - r).abs() <= 1e-5 * scale + round_off, "row {}: {} - {} is not {}", i, mass, along, r);
             }
             // Passive stiffness, and the stretch rate that keeps the balance.
             let passive = |l: f64| p.a_p * ((p.b * (l - 1.0)).exp() - 1.0) + p.a_p_k * (l - 1.0 - v);

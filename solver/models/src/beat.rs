@@ -118,6 +118,14 @@ pub struct BeatCheck {
     pub expected: String,
 }
 
+impl BeatCheck {
+    /// A check that was made.
+    #[must_use]
+    pub fn new(name: &str, passed: bool, value: f64, expected: &str) -> Self {
+        Self { name: name.to_owned(), passed, value, expected: expected.to_owned() }
+    }
+}
+
 /// A run that reached the end of its last beat.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct BeatResult {
@@ -205,6 +213,19 @@ impl Probes {
 }
 
 impl BeatTraces {
+    /// Whether volume and pressure of the cavity stay where those of a heart can be (SPEC section 5).
+    #[must_use]
+    pub fn plausible(&self) -> [BeatCheck; 3] {
+        let smallest = |trace: &[f64]| trace.iter().copied().fold(f64::INFINITY, f64::min);
+        let (v_low, p_low) = (smallest(&self.volume_ml), smallest(&self.pressure_mmhg));
+        let p_high = self.pressure_mmhg.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        [
+            BeatCheck::new("volume_positive_ml", v_low > 0.0, v_low, "above 0 mL"),
+            BeatCheck::new("pressure_not_below_mmhg", p_low >= -30.0, p_low, "-30 mmHg or more"),
+            BeatCheck::new("pressure_not_above_mmhg", p_high <= 400.0, p_high, "400 mmHg or less"),
+        ]
+    }
+
     fn clear(&mut self, n: usize, nodes: Option<NodalTraces>) {
         *self = Self { nodes, ..Self::default() };
         for trace in [
@@ -485,14 +506,6 @@ fn advance<V: Ventricle + ?Sized>(
 
 /// Success of a beat (SPEC section 5).
 fn checks(traces: &BeatTraces, imbalance_ml: f64, cycle_length_ms: f64) -> Vec<BeatCheck> {
-    let check = |name: &str, passed: bool, value: f64, expected: &str| BeatCheck {
-        name: name.to_owned(),
-        passed,
-        value,
-        expected: expected.to_owned(),
-    };
-    let range =
-        |trace: &[f64]| trace.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), x| (l.min(*x), h.max(*x)));
     // An opening and a closing inside the beat; a valve may also begin the beat open.
     let moves = |open: &[bool]| {
         let opened = open.iter().any(|o| *o);
@@ -500,30 +513,27 @@ fn checks(traces: &BeatTraces, imbalance_ml: f64, cycle_length_ms: f64) -> Vec<B
         opened && closed
     };
     let share = |open: &[bool]| open.iter().filter(|o| **o).count() as f64 / open.len().max(1) as f64;
-    let (p_low, p_high) = range(&traces.pressure_mmhg);
-    let (v_low, _) = range(&traces.volume_ml);
     let end = traces.time_ms.last().copied().unwrap_or(0.0);
     let finite = [&traces.pressure_mmhg, &traces.volume_ml, &traces.aortic_pressure_mmhg, &traces.net_inflow_ml_per_s]
         .iter()
         .all(|trace| trace.iter().all(|x| x.is_finite()));
-    vec![
-        check("cycle_end_reached", (end - cycle_length_ms).abs() < 1e-6, end, "the cycle length in ms"),
-        check("states_finite", finite, f64::from(u8::from(finite)), "1"),
-        check(
+    let mut checks = vec![
+        BeatCheck::new("cycle_end_reached", (end - cycle_length_ms).abs() < 1e-6, end, "the cycle length in ms"),
+        BeatCheck::new("states_finite", finite, f64::from(u8::from(finite)), "1"),
+        BeatCheck::new(
             "aortic_valve_opened_and_closed",
             moves(&traces.aortic_open),
             share(&traces.aortic_open),
             "share of the beat it is open, between 0 and 1",
         ),
-        check(
+        BeatCheck::new(
             "mitral_valve_opened_and_closed",
             moves(&traces.mitral_open),
             share(&traces.mitral_open),
             "share of the beat it is open, between 0 and 1",
         ),
-        check("volume_balance_ml", imbalance_ml.abs() <= 0.1, imbalance_ml, "-0.1 to 0.1 mL"),
-        check("volume_positive_ml", v_low > 0.0, v_low, "above 0 mL"),
-        check("pressure_not_below_mmhg", p_low >= -30.0, p_low, "-30 mmHg or more"),
-        check("pressure_not_above_mmhg", p_high <= 400.0, p_high, "400 mmHg or less"),
-    ]
+        BeatCheck::new("volume_balance_ml", imbalance_ml.abs() <= 0.1, imbalance_ml, "-0.1 to 0.1 mL"),
+    ];
+    checks.extend(traces.plausible());
+    checks
 }

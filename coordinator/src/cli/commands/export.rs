@@ -1,37 +1,172 @@
-//! `cardiotwin export`: tables and traces for other programs.
+//! `cardiotwin export`: tables and traces for other programs, models in openCARP's formats, a crate for other people.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
 
+use cardiotwin_schemas::record::{PatientRecord, RunRecord};
 use clap::Args;
+use serde::Serialize;
 
 use crate::cli::error::CliError;
 use crate::cli::exit::Exit;
 use crate::cli::place::Place;
 use crate::cli::store::open;
-use crate::cli::talk::Talk;
-use crate::export::export;
+use crate::cli::talk::{Talk, count};
+use crate::cli::worker;
+use crate::discovery;
+use crate::export::ro_crate::{self, CrateFile, CrateOptions};
+use crate::export::{Exported, export};
+use crate::report::write_report;
+use crate::results::PatientView;
+use crate::results::folder::WholeFolder;
 
-/// Write the paper's tables for this run as CSV and JSON, and all traces as tidy CSV
+/// Write the paper's tables for this run as CSV and JSON, and all traces as tidy CSV; models for openCARP; an RO-Crate
 #[derive(Debug, Args)]
+#[command(
+    after_help = "--opencarp writes for each patient, into OUT/opencarp/PATIENT: tanh.par and land17.par (active stress of step 1 and \
+                        step 2), calcium.csv, and in 3D heart.pts, .elem, .lon, .surf and activation.dat.\n\
+                        --ro-crate writes OUT/ro-crate: tables, traces, report, each patient's record and parameters, and what \
+                        computed them. Inputs are named by their hashes; --with-inputs takes them along."
+)]
 pub struct ExportArgs {
     #[command(flatten)]
     place: Place,
     /// Folder to write into [default: export in the run's folder]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
+    /// Personalised models, meshes and activation times in openCARP's formats, too
+    #[arg(long)]
+    opencarp: bool,
+    /// A crate of the whole run, too (RO-Crate 1.1, Process Run Crate 0.5)
+    #[arg(long)]
+    ro_crate: bool,
+    /// With --ro-crate: the measured traces themselves, not only their hashes
+    #[arg(long, requires = "ro_crate")]
+    with_inputs: bool,
+    /// With --ro-crate: the terms of use
+    #[arg(long, value_name = "URL", requires = "ro_crate")]
+    license: Option<String>,
+    /// With --ro-crate: who made it
+    #[arg(long, value_name = "NAME", requires = "ro_crate")]
+    author: Option<String>,
+    /// One JSON object instead of a list of files
+    #[arg(long)]
+    json: bool,
+    /// The worker's executable [default: cardiotwin-worker beside this program]
+    #[arg(long, value_name = "PATH")]
+    worker: Option<PathBuf>,
+}
+
+#[derive(Serialize)]
+struct Answer<'a> {
+    schema_version: u32,
+    files: &'a [PathBuf],
+    problems: &'a [String],
 }
 
 /// Writes the files and prints their paths. Traces that could not be read make the exit code 1.
 ///
 /// # Errors
-/// The store's and the export's.
+/// The store's, the export's, the worker's.
 pub async fn execute(args: &ExportArgs, talk: &Talk) -> Result<Exit, CliError> {
     let folders = args.place.folders();
     folders.refuse_sweep("`cardiotwin sweep report DIR` writes its tables")?;
     let record = open(&folders).await?.record().await?;
     let out = args.out.clone().unwrap_or_else(|| folders.run.join("export"));
-    let exported = export(&record, &out).map_err(CliError::Export)?;
-    exported.files.iter().try_for_each(|file| talk.data(&format!("{}\n", file.display())))?;
-    exported.problems.iter().for_each(|problem| talk.say(&format!("warning: {problem}")));
-    Ok(if exported.problems.is_empty() { Exit::Ok } else { Exit::Problems })
+    let Exported { mut files, mut problems } = export(&record, &out).map_err(CliError::Export)?;
+    if args.opencarp {
+        let worker = worker::find(args.worker.as_deref())?;
+        for patient in &record.patients {
+            match opencarp(patient, &worker, &out.join("opencarp").join(patient.plan.id.as_str()))? {
+                written if written.is_empty() => {
+                    problems.push(format!("{}: no simulation of step 1 yet", patient.plan.id))
+                }
+                written => files.extend(written),
+            }
+        }
+    }
+    if args.ro_crate {
+        let place = out.join("ro-crate");
+        problems.extend(crate_of(args, &record, folders.cohort.as_deref(), &place, talk)?);
+        files.push(place.join(ro_crate::METADATA));
+    }
+    if args.json {
+        talk.json(&Answer { schema_version: cardiotwin_schemas::SCHEMA_VERSION, files: &files, problems: &problems })?;
+    } else {
+        files.iter().try_for_each(|file| talk.data(&format!("{}\n", file.display())))?;
+    }
+    problems.iter().for_each(|problem| talk.say(&format!("warning: {problem}")));
+    Ok(if problems.is_empty() { Exit::Ok } else { Exit::Problems })
+}
+
+/// Asks the worker, who knows meshes, for a patient's files; none where nothing was simulated.
+fn opencarp(patient: &PatientRecord, worker: &Path, out: &Path) -> Result<Vec<PathBuf>, CliError> {
+    let best = PatientView(patient).best_iteration().and_then(|iteration| iteration.run.as_ref());
+    let beats = [best, patient.verification.as_ref()];
+    let specs: Vec<PathBuf> = beats.into_iter().flatten().map(|task| task.directory.join("spec.json")).collect();
+    if specs.is_empty() {
+        return Ok(Vec::new());
+    }
+    let output = Command::new(worker)
+        .arg("opencarp")
+        .args(&specs)
+        .arg("--out")
+        .arg(out)
+        .stdin(Stdio::null())
+        .output()
+        .map_err(CliError::file("start", worker))?;
+    if !output.status.success() {
+        let message = format!("{}, {}", output.status, String::from_utf8_lossy(&output.stderr).trim());
+        return Err(CliError::Worker { worker: worker.to_owned(), message });
+    }
+    Ok(String::from_utf8_lossy(&output.stdout).lines().map(PathBuf::from).collect())
+}
+
+/// The crate appears whole, in the place of an earlier one. Returns what is not as it should be.
+fn crate_of(
+    args: &ExportArgs,
+    record: &RunRecord,
+    cohort: Option<&Path>,
+    place: &Path,
+    talk: &Talk,
+) -> Result<Vec<String>, CliError> {
+    let folder = WholeFolder::begin(place).map_err(CliError::Export)?;
+    let mut files = Vec::new();
+    let mut add = |path: String, name: &str| files.push(CrateFile { path, name: name.to_owned() });
+    let Exported { files: tables, mut problems } =
+        export(record, &folder.path().join("tables")).map_err(CliError::Export)?;
+    for table in &tables {
+        let name = table.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        let what = if name.starts_with("traces") {
+            "All traces, one value a row"
+        } else {
+            "A table of the paper, for this cohort"
+        };
+        add(format!("tables/{name}"), what);
+    }
+    let cases = discovery::beside(cohort);
+    let report = write_report(record, cases.as_ref(), &folder.path().join("report.html")).map_err(CliError::Report)?;
+    for page in std::iter::once(&report.main).chain(&report.patients) {
+        let path = page.strip_prefix(folder.path()).unwrap_or(page).to_string_lossy().into_owned();
+        add(path, "The report");
+    }
+    if args.opencarp {
+        let worker = worker::find(args.worker.as_deref())?;
+        for patient in &record.patients {
+            let base = folder.path().join("patients").join(patient.plan.id.as_str()).join("opencarp");
+            for file in opencarp(patient, &worker, &base)? {
+                let path = file.strip_prefix(folder.path()).unwrap_or(&file).to_string_lossy().into_owned();
+                add(path, "A personalised model in openCARP's formats");
+            }
+        }
+    }
+    let options =
+        CrateOptions { license: args.license.clone(), author: args.author.clone(), with_inputs: args.with_inputs };
+    problems.extend(ro_crate::complete(record, &folder, files, &options).map_err(CliError::Export)?);
+    folder.publish().map_err(CliError::Export)?;
+    let open = record.patients.iter().filter(|p| p.verification.is_none()).count();
+    if open > 0 {
+        talk.say(&format!("{} of the crate not personalised to the end: it says so", count(open, "patient")));
+    }
+    Ok(problems)
 }

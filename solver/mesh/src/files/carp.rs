@@ -204,12 +204,7 @@ pub fn read_vtx(file: &Path, n_nodes: usize) -> Result<Vec<u32>, MeshFileError> 
 /// # Errors
 /// [`MeshFileError::Write`].
 pub fn write(mesh: &TetMesh, stem: &Path) -> Result<(), MeshFileError> {
-    let mut text = format!("{}\n", mesh.n_nodes());
-    for p in &mesh.nodes_mm {
-        let [x, y, z] = p.map(|x| x * LengthUnit::Micrometre.per_mm());
-        let _ = writeln!(text, "{x} {y} {z}");
-    }
-    write_bytes(&with(stem, "pts"), text.as_bytes())?;
+    write_pts(&mesh.nodes_mm, &with(stem, "pts"))?;
     let mut text = format!("{}\n", mesh.n_tets());
     for ([a, b, c, d], tag) in mesh.tets.iter().zip(&mesh.tags) {
         let _ = writeln!(text, "Tt {a} {b} {c} {d} {tag}");
@@ -230,6 +225,19 @@ pub fn write(mesh: &TetMesh, stem: &Path) -> Result<(), MeshFileError> {
         write_bytes(&with(stem, &format!("{}.surf", surface.name)), text.as_bytes())?;
     }
     Ok(())
+}
+
+/// Writes points (in µm).
+///
+/// # Errors
+/// [`MeshFileError::Write`].
+pub fn write_pts(nodes_mm: &[Vec3], file: &Path) -> Result<(), MeshFileError> {
+    let mut text = format!("{}\n", nodes_mm.len());
+    for p in nodes_mm {
+        let [x, y, z] = p.map(|x| x * LengthUnit::Micrometre.per_mm());
+        let _ = writeln!(text, "{x} {y} {z}");
+    }
+    write_bytes(file, text.as_bytes())
 }
 
 /// Writes a list of nodes.

@@ -14,9 +14,7 @@ use cardiotwin_schemas::finite_element::ConductionSettings;
 use crate::context::Context;
 use crate::error::TaskError;
 use crate::finite_element::{FiniteElementError, StoredVentricle};
-
-/// Bytes of an `.igb` header.
-const HEADER: usize = 1024;
+use crate::igb::header_mv;
 
 /// Computes and writes the potentials of one cycle.
 ///
@@ -37,7 +35,7 @@ pub(super) fn write(
     let mut model = ReactionEikonal::new(&stored.mesh, &muscle, &stored.activation_ms, &tissue, &start, &settings)
         .map_err(failed)?;
     let n_frames = cycle_length_ms.floor() as usize + 1;
-    let mut igb = header(stored.mesh.n_nodes(), n_frames, cycle_length_ms.floor());
+    let mut igb = header_mv(stored.mesh.n_nodes(), n_frames, cycle_length_ms.floor());
     let mut csv = "time_ms,median_mV,lower_quartile_mV,upper_quartile_mV\n".to_owned();
     for frame in 0..n_frames {
         context.check_stop()?;
@@ -53,16 +51,4 @@ pub(super) fn write(
     }
     context.artefacts.write_bytes("potentials", "vm.igb", &igb)?;
     context.artefacts.write("potential-traces", "vm.csv", &csv)
-}
-
-/// Header of an `.igb` file of single-precision numbers, one frame a millisecond.
-fn header(n_nodes: usize, n_frames: usize, length_ms: f64) -> Vec<u8> {
-    let text = format!(
-        "x:{n_nodes} y:1 z:1 t:{n_frames} type:float systeme:little_endian \r\n\
-         org_t:0 dim_t:{length_ms} fac_t:1 unites_x:um unites_y:um unites_z:um unites_t:ms unites:mV facteur:1 zero:0 \r\n"
-    );
-    let mut bytes = text.into_bytes();
-    bytes.resize(HEADER - 1, b' ');
-    bytes.push(0x0c);
-    bytes
 }

@@ -1,9 +1,9 @@
 //! The machine: processor, memory, compilers.
 
 use std::path::Path;
-use std::process::{Command, Stdio};
 
 use super::finding::{Finding, Level};
+use crate::engine::first_line;
 
 /// Memory that a beat on the default mesh, with the coordinator beside it, is comfortable with, MB.
 const ENOUGH_MEMORY_MB: f64 = 500.0;
@@ -64,11 +64,4 @@ fn compilers() -> Finding {
         (true, false) => Finding::bad("compilers", Level::Note, "none", "needed only to build from source"),
         (true, true) => Finding::bad("compilers", Level::Warning, "none", "`make deps` installs what building needs"),
     }
-}
-
-/// The first line that a program says, if it is there and ends well.
-pub fn first_line(program: &str, arguments: &[&str]) -> Option<String> {
-    let output = Command::new(program).args(arguments).stdin(Stdio::null()).output().ok()?;
-    let text = String::from_utf8_lossy(&output.stdout).into_owned();
-    output.status.success().then(|| text.lines().next().unwrap_or_default().trim().to_owned())
 }

@@ -5,7 +5,7 @@ use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
 use super::finding::{Finding, Level};
-use super::machine::first_line;
+use crate::engine::first_line;
 
 /// Longer than two ranks take to find each other on a busy machine.
 const PATIENCE: Duration = Duration::from_secs(60);

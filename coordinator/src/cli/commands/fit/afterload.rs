@@ -8,6 +8,7 @@ use cardiotwin_calibrate::afterload::{
 use cardiotwin_schemas::afterload::{AfterloadFitAnswer, AfterloadNoise, AfterloadQuantity, Determined};
 use cardiotwin_schemas::organ::WindkesselParameters;
 use clap::Args;
+use serde::Serialize;
 
 use super::record::{self, FlowSource, Measured};
 use crate::cli::error::CliError;
@@ -81,24 +82,75 @@ pub fn execute(args: &AfterloadArgs, talk: &Talk) -> Result<Exit, CliError> {
     let fit = fit_windkessel(&measured.record, settings)
         .map_err(|error| CliError::Usage(format!("the record cannot be fitted: {error}")))?;
     let answer = answer(&measured, periodic, &fit);
-    if let Some(file) = &args.plot {
+    let plot = || {
         let points = |(sample, residual): (&(f64, f64), &f64)| (sample.0, sample.1 + residual);
         let fitted: Vec<(f64, f64)> = std::iter::zip(&measured.pressure, &fit.residuals_mmhg).map(points).collect();
-        let svg = afterload_fit_svg(&answer, &measured.pressure, &fitted).unwrap_or_default();
+        afterload_fit_svg(&answer, &measured.pressure, &fitted)
+    };
+    let said = Said { toml: &answer.patient_toml, warnings: &answer.warnings, text: text(&answer, talk) };
+    say(args, &answer, &said, plot, talk)
+}
+
+/// What a fit says, but for JSON.
+pub(super) struct Said<'a> {
+    /// Lines of patient.toml.
+    pub toml: &'a str,
+    /// A sentence each; the text has them, too.
+    pub warnings: &'a [String],
+    /// For people.
+    pub text: String,
+}
+
+/// Draws and prints what was asked for.
+pub(super) fn say(
+    args: &AfterloadArgs,
+    answer: &impl Serialize,
+    said: &Said<'_>,
+    plot: impl FnOnce() -> Option<String>,
+    talk: &Talk,
+) -> Result<Exit, CliError> {
+    if let Some(file) = &args.plot {
+        let svg = plot().unwrap_or_default();
         atomic::write(file, |out| out.write_all(svg.as_bytes())).map_err(CliError::file("write", file))?;
     }
     if args.json {
-        talk.json(&answer)?;
+        talk.json(answer)?;
     } else if args.toml {
-        talk.data(&answer.patient_toml)?;
+        talk.data(said.toml)?;
     } else {
-        talk.data(&text(&answer, talk))?;
+        talk.data(&said.text)?;
         talk.hint("`--toml` prints the lines for patient.toml");
     }
     if args.json || args.toml {
-        answer.warnings.iter().for_each(|warning| talk.say(&format!("warning: {warning}")));
+        said.warnings.iter().for_each(|warning| talk.say(&format!("warning: {warning}")));
     }
     Ok(Exit::Ok)
+}
+
+/// The table of estimates; `determined` says how well one is known.
+pub(super) fn estimates(
+    estimates: &[AfterloadQuantity],
+    confidence_level: f64,
+    determined: impl Fn(&AfterloadQuantity) -> &'static str,
+    talk: &Talk,
+) -> String {
+    let interval = format!(">{} % FROM", number(100.0 * confidence_level).trim_end_matches(".00"));
+    let mut table = Columns::new(talk, &["PARAMETER", ">VALUE", ">STANDARD ERROR", &interval, ">TO", "DETERMINED"]);
+    for q in estimates {
+        let ends = [q.standard_error, q.lower, q.upper].map(optional);
+        let [error, lower, upper] = &ends;
+        table.row([&q.name, &number(q.value), error, lower, upper, determined(q)]);
+    }
+    table.text()
+}
+
+/// How well it is known, in a word.
+pub(super) fn in_a_word(determined: Determined) -> &'static str {
+    match determined {
+        Determined::Well => "well",
+        Determined::Poorly => "poorly",
+        Determined::Not => "not",
+    }
 }
 
 /// Where flow and pressure come from; no pressure with a cuff.
@@ -221,20 +273,11 @@ fn warnings(answer: &AfterloadFitAnswer) -> Vec<String> {
 }
 
 fn text(answer: &AfterloadFitAnswer, talk: &Talk) -> String {
-    let interval = format!(">{} % FROM", number(100.0 * answer.confidence_level).trim_end_matches(".00"));
-    let mut table = Columns::new(talk, &["PARAMETER", ">VALUE", ">STANDARD ERROR", &interval, ">TO", "DETERMINED"]);
-    for q in &answer.estimates {
-        let ends = [q.standard_error, q.lower, q.upper].map(optional);
-        let [error, lower, upper] = &ends;
-        let determined = match q.determined {
-            _ if q.lower.is_none() && q.upper.is_none() && answer.periodic && q.name.starts_with("start") => "-",
-            Determined::Well => "well",
-            Determined::Poorly => "poorly",
-            Determined::Not => "not",
-        };
-        table.row([&q.name, &number(q.value), error, lower, upper, determined]);
-    }
-    let mut text = table.text();
+    let word = |q: &AfterloadQuantity| match q.determined {
+        _ if q.lower.is_none() && q.upper.is_none() && answer.periodic && q.name.starts_with("start") => "-",
+        determined => in_a_word(determined),
+    };
+    let mut text = estimates(&answer.estimates, answer.confidence_level, word, talk);
     let record = &answer.record;
     text.push_str(&format!(
         "\nresidual: {} mmHg (root mean square), {:.1} % of the pulse pressure of {} mmHg\n",

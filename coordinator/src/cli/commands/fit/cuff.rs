@@ -7,15 +7,14 @@ use cardiotwin_calibrate::normal;
 use cardiotwin_schemas::afterload::{AfterloadQuantity, CuffFitAnswer, Determined};
 use cardiotwin_signals::Problem;
 
-use super::afterload::{AfterloadArgs, one_line, parameters, table};
+use super::afterload::{AfterloadArgs, Said, estimates, in_a_word, one_line, parameters, say, table};
 use super::record::FlowSource;
 use super::trace;
 use crate::cli::error::CliError;
 use crate::cli::exit::Exit;
-use crate::cli::table::{Columns, number, optional};
+use crate::cli::table::number;
 use crate::cli::talk::Talk;
 use crate::report::cuff_fit_svg;
-use crate::results::atomic;
 
 /// Half width of an interval over the value beyond which a parameter is poorly determined.
 const POOR: f64 = 0.3;
@@ -74,24 +73,13 @@ pub fn execute(args: &AfterloadArgs, source: FlowSource<'_>, talk: &Talk) -> Res
         )
     })?;
     let answer = answer(&source, &cuff, &fit, args.confidence);
-    if let Some(file) = &args.plot {
+    let plot = || {
         let points: Vec<(f64, f64)> =
             fit.pressure_mmhg.iter().enumerate().map(|(i, p)| (i as f64 * step_ms, *p)).collect();
-        let svg = cuff_fit_svg(&answer, &points).unwrap_or_default();
-        atomic::write(file, |out| out.write_all(svg.as_bytes())).map_err(CliError::file("write", file))?;
-    }
-    if args.json {
-        talk.json(&answer)?;
-    } else if args.toml {
-        talk.data(&answer.patient_toml)?;
-    } else {
-        talk.data(&text(&answer, talk))?;
-        talk.hint("`--toml` prints the lines for patient.toml");
-    }
-    if args.json || args.toml {
-        answer.warnings.iter().for_each(|warning| talk.say(&format!("warning: {warning}")));
-    }
-    Ok(Exit::Ok)
+        cuff_fit_svg(&answer, &points)
+    };
+    let said = Said { toml: &answer.patient_toml, warnings: &answer.warnings, text: text(&answer, talk) };
+    say(args, &answer, &said, plot, talk)
 }
 
 fn answer(source: &FlowSource<'_>, cuff: &Cuff, fit: &CuffFit, confidence: f64) -> CuffFitAnswer {
@@ -148,15 +136,8 @@ fn answer(source: &FlowSource<'_>, cuff: &Cuff, fit: &CuffFit, confidence: f64) 
 }
 
 fn text(answer: &CuffFitAnswer, talk: &Talk) -> String {
-    let interval = format!(">{} % FROM", number(100.0 * answer.confidence_level).trim_end_matches(".00"));
-    let mut table = Columns::new(talk, &["PARAMETER", ">VALUE", ">STANDARD ERROR", &interval, ">TO", "DETERMINED"]);
-    for q in &answer.estimates {
-        let ends = [q.standard_error, q.lower, q.upper].map(optional);
-        let [error, lower, upper] = &ends;
-        let determined = if q.determined == Determined::Well { "well" } else { "poorly" };
-        table.row([&q.name, &number(q.value), error, lower, upper, determined]);
-    }
-    let mut text = table.text();
+    let word = |q: &AfterloadQuantity| in_a_word(q.determined);
+    let mut text = estimates(&answer.estimates, answer.confidence_level, word, talk);
     text.push_str(&format!(
         "\nflow: {}, mean {} mL/s; cuff known to {} mmHg\n",
         answer.flow,

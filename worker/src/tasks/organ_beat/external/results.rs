@@ -7,12 +7,10 @@ use std::path::Path;
 
 use cardiotwin_models::beat::{BeatTraces, NodalTraces};
 use cardiotwin_schemas::external::ExternalResults;
+use cardiotwin_units::MMHG_PER_KPA;
 
-use super::igb;
+use crate::igb::{self, Igb};
 use crate::nodal::{NodalReadError, NodalRows};
-
-/// Pascal-based pressures in mmHg.
-const MMHG_PER_KPA: f64 = 7.500_615_758_456_57;
 
 /// Columns that are read where they are there, the first two in place of each other.
 const PRESSURES: [(&str, f64); 2] = [("pressure_mmHg", 1.0), ("pressure_kPa", MMHG_PER_KPA)];
@@ -157,7 +155,7 @@ pub(super) fn nodes(
     };
     let (file, stress) = of("Sa_kPa")?;
     let (other, stretch) = of("lambda")?;
-    let alike = |file: &Path, other: &Path, found: &igb::Igb, expected: &igb::Igb| {
+    let alike = |file: &Path, other: &Path, found: &Igb, expected: &Igb| {
         if (found.n_nodes, found.time_ms.len()) == (expected.n_nodes, expected.time_ms.len()) {
             return Ok(());
         }

@@ -1,4 +1,4 @@
-//! What is drawn of a preparation, as plain lines: the report draws them.
+//! What is drawn of a preparation, as the lines that the report draws.
 
 use std::collections::BTreeSet;
 
@@ -6,50 +6,26 @@ use cardiotwin_recordings::beats::Beat;
 use cardiotwin_recordings::cine::Cine;
 use cardiotwin_recordings::prepare::Prepared;
 use cardiotwin_recordings::recording::at;
+use cardiotwin_schemas::preparation::Preparation;
 
-use super::steps::source_in_words;
 use crate::input::RawFolder;
-
-/// A line: x and y.
-pub type Line = Vec<(f64, f64)>;
+use crate::preparation::Made;
+use crate::report::preparation::{BeatLines, Line, VolumeLines};
 
 /// Points of one beat's line, at most: half an hour has thousands of beats.
 const POINTS: f64 = 160.0;
 /// Points of the lines of all beats, about.
 const ALL_POINTS: f64 = 80_000.0;
 
-/// Lines of the beats.
-#[derive(Debug, Clone, Default)]
-pub struct Beats {
-    /// Headline.
-    pub title: String,
-    /// What was done, a line a step.
-    pub text: Vec<String>,
-    /// Those in the mean.
-    pub kept: Vec<Line>,
-    /// Those that are not, with their number and the reason.
-    pub left_out: Vec<(String, Line)>,
-    /// The mean.
-    pub mean: Line,
-    /// The mean less and more the standard deviation.
-    pub band: [Line; 2],
-    /// Events of the valves.
-    pub events: Vec<(&'static str, f64)>,
-}
-
-/// Lines of the volume.
-#[derive(Debug, Clone, Default)]
-pub struct Volume {
-    /// Frames as measured, adjusted, synchronised.
-    pub frames: [Line; 3],
-    /// The whole-heart image.
-    pub image: Option<(f64, f64)>,
-    /// Loops: sheared, synchronised.
-    pub loops: [Line; 2],
+/// What some of the steps did, a line each.
+fn steps(answer: &Preparation, wanted: &[&str]) -> Vec<String> {
+    let chosen = answer.steps.iter().filter(|step| wanted.contains(&step.step.as_str()));
+    chosen.map(|step| format!("{}: {}", step.step, step.what)).collect()
 }
 
 /// Every beat as it was recorded, and the mean.
-pub fn beats(folder: &RawFolder, prepared: &Prepared, id: &str) -> Beats {
+pub fn beats(folder: &RawFolder, made: &Made) -> BeatLines {
+    let prepared: &Prepared = &made.prepared;
     let recording = &folder.recording;
     let pressure = recording.leading_pressure();
     let n_beats = prepared.found.beats.len() as f64;
@@ -65,10 +41,10 @@ pub fn beats(folder: &RawFolder, prepared: &Prepared, id: &str) -> Beats {
         average.leading_pressure().iter().enumerate().map(|(i, p)| (i as f64 * average.step_ms, *p)).collect();
     let spread = average.lv_pressure.as_ref().or(average.aortic_pressure.as_ref()).map_or(&[][..], |trace| &trace.sd);
     let shifted = |sign: f64| mean.iter().zip(spread).map(|((t, p), sd)| (*t, p + sign * sd)).collect::<Line>();
-    let mut found = Beats {
-        title: format!("{id}: beats from the {}", source_in_words(folder, prepared)),
+    let mut found = BeatLines {
+        title: format!("{}: beats from the {}", made.answer.id, made.answer.beats.source),
         band: [shifted(-1.0), shifted(1.0)],
-        ..Beats::default()
+        ..BeatLines::default()
     };
     for (idx, (beat, reasons)) in prepared.found.beats.iter().zip(&prepared.reasons).enumerate() {
         match reasons.first() {
@@ -86,6 +62,7 @@ pub fn beats(folder: &RawFolder, prepared: &Prepared, id: &str) -> Beats {
         average.cycle_length_ms,
         found.left_out.len()
     )];
+    found.text.extend(steps(&made.answer, &["drift", "average"]));
     found.mean = mean;
     if let Some(valves) = prepared.valves {
         found.events = vec![
@@ -98,7 +75,8 @@ pub fn beats(folder: &RawFolder, prepared: &Prepared, id: &str) -> Beats {
 }
 
 /// Frames and loops; none without a cine series.
-pub fn volume(folder: &RawFolder, prepared: &Prepared) -> Option<Volume> {
+pub fn volume(folder: &RawFolder, made: &Made) -> Option<VolumeLines> {
+    let prepared: &Prepared = &made.prepared;
     let volume = prepared.volume.as_ref()?;
     let frames = |cine: &Cine| -> Line { cine.time_ms.iter().copied().zip(cine.volume_ml.iter().copied()).collect() };
     let average = &prepared.average;
@@ -109,9 +87,14 @@ pub fn volume(folder: &RawFolder, prepared: &Prepared) -> Option<Volume> {
         line.extend(line.first().copied());
         line
     };
-    Some(Volume {
-        frames: [frames(&volume.original), frames(&volume.adjusted.cine), frames(&volume.synchronised)],
+    Some(VolumeLines {
+        title: format!("{}: volume after each step", made.answer.id),
+        text: steps(&made.answer, &["volume", "cycle", "synchronise"]),
+        original: frames(&volume.original),
+        adjusted: frames(&volume.adjusted.cine),
         image: folder.file.whole_heart.as_ref().map(|image| (image.time_ms, image.volume_ml)),
-        loops: [around(&volume.sheared), around(&volume.synchronised)],
+        synchronised: frames(&volume.synchronised),
+        sheared_loop: around(&volume.sheared),
+        synchronised_loop: around(&volume.synchronised),
     })
 }

@@ -1,6 +1,7 @@
 //! `cardiotwin prepare`: from continuous recordings to a patient's folder. It never writes over a patient unless asked to.
 
-use std::io::Write as _;
+mod drawings;
+
 use std::path::{Path, PathBuf};
 
 use clap::Args;
@@ -11,8 +12,10 @@ use crate::cli::problems;
 use crate::cli::table::Columns;
 use crate::cli::talk::{Talk, Tone, count};
 use crate::input::{PREPARE_TOML, RawFolder, Report, load_alone, read_raw};
-use crate::preparation::{self, Made, PREPARED, drawings};
-use crate::report::preparation::{BeatLines, VolumeLines, beats_svg, volume_svg};
+use crate::preparation::{self, Made, PREPARED};
+use crate::report::preparation::{beats_svg, volume_svg};
+use crate::results::WriteError;
+use crate::results::folder::WholeFolder;
 use cardiotwin_schemas::preparation::{Preparation, StepState};
 
 /// Beats that are named one by one; the rest stands in beats.csv.
@@ -75,7 +78,7 @@ pub fn execute(args: &PrepareArgs, talk: &Talk) -> Result<Exit, CliError> {
         let text = serde_json::to_string_pretty(&made.answer)
             .map_err(|error| CliError::Io { what: "cannot write JSON", source: error.into() })?;
         made.files.push((format!("{PREPARED}/prepare.json"), format!("{text}\n")));
-        write(folder, &made.files)?;
+        write(folder, &made.files).map_err(CliError::Export)?;
     }
     if args.json {
         talk.json(&made.answer)?;
@@ -138,40 +141,10 @@ fn may_write(folder: &Path, id: &str, args: &PrepareArgs) -> Result<(), CliError
     }
 }
 
-/// The whole folder beside its place, then under its name: it is there whole or not at all.
-fn write(folder: &Path, files: &[(String, String)]) -> Result<(), CliError> {
-    let parent = folder.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or_else(|| Path::new("."));
-    std::fs::create_dir_all(parent).map_err(CliError::file("make", parent))?;
-    let beside = tempfile::Builder::new()
-        .prefix(".preparing-")
-        .tempdir_in(parent)
-        .map_err(CliError::file("make a folder in", parent))?;
-    for (name, content) in files {
-        let path = beside.path().join(name);
-        if let Some(folder) = path.parent() {
-            std::fs::create_dir_all(folder).map_err(CliError::file("make", folder))?;
-        }
-        let mut file = std::fs::File::create_new(&path).map_err(CliError::file("make", &path))?;
-        file.write_all(content.as_bytes()).and_then(|()| file.sync_all()).map_err(CliError::file("write", &path))?;
-    }
-    #[cfg(unix)]
-    {
-        use std::os::unix::fs::PermissionsExt as _;
-        // A temporary folder is its maker's alone; a patient's is as readable as the folder that it lies in.
-        let mode = std::fs::metadata(parent).map_err(CliError::file("read", parent))?.permissions().mode() & 0o777;
-        std::fs::set_permissions(beside.path(), std::fs::Permissions::from_mode(mode | 0o700))
-            .map_err(CliError::file("make", folder))?;
-    }
-    let occupied = std::fs::read_dir(folder).is_ok_and(|mut entries| entries.next().is_some());
-    if occupied {
-        // Both folders change places at once, so that there is a whole one at every moment; the old one goes with `beside`.
-        use rustix::fs::{CWD, RenameFlags, renameat_with};
-        let exchanged = renameat_with(CWD, beside.path(), CWD, folder, RenameFlags::EXCHANGE);
-        return exchanged.map_err(|error| CliError::file("replace", folder)(error.into()));
-    }
-    std::fs::rename(beside.path(), folder).map_err(CliError::file("make", folder))?;
-    let _ = beside.keep();
-    Ok(())
+fn write(folder: &Path, files: &[(String, String)]) -> Result<(), WriteError> {
+    let whole = WholeFolder::begin(folder)?;
+    files.iter().try_for_each(|(name, content)| whole.write(name, content.as_bytes()))?;
+    whole.publish()
 }
 
 /// `check` of what was made: the same eyes as before a run.
@@ -193,40 +166,9 @@ fn afterwards(folder: &Path, talk: &Talk) {
 }
 
 fn draw(raw: &RawFolder, made: &Made) -> Vec<(String, String)> {
-    let mut pictures = Vec::new();
-    let steps = |wanted: &[&str]| -> Vec<String> {
-        let chosen = made.answer.steps.iter().filter(|step| wanted.contains(&step.step.as_str()));
-        chosen.map(|step| format!("{}: {}", step.step, step.what)).collect()
-    };
-    let beats = drawings::beats(raw, &made.prepared, &made.answer.id);
-    let mut text = beats.text;
-    text.extend(steps(&["drift", "average"]));
-    let lines = BeatLines {
-        title: beats.title,
-        text,
-        kept: beats.kept,
-        left_out: beats.left_out,
-        mean: beats.mean,
-        band: beats.band,
-        events: beats.events,
-    };
-    pictures.extend(beats_svg(&lines).map(|svg| (format!("{PREPARED}/beats.svg"), svg)));
-    if let Some(volume) = drawings::volume(raw, &made.prepared) {
-        let [original, adjusted, synchronised] = volume.frames;
-        let [sheared_loop, synchronised_loop] = volume.loops;
-        let lines = VolumeLines {
-            title: format!("{}: volume after each step", made.answer.id),
-            text: steps(&["volume", "cycle", "synchronise"]),
-            original,
-            adjusted,
-            image: volume.image,
-            synchronised,
-            sheared_loop,
-            synchronised_loop,
-        };
-        pictures.extend(volume_svg(&lines).map(|svg| (format!("{PREPARED}/volume.svg"), svg)));
-    }
-    pictures
+    let beats = beats_svg(&drawings::beats(raw, made)).map(|svg| (format!("{PREPARED}/beats.svg"), svg));
+    let volume = drawings::volume(raw, made).and_then(|lines| volume_svg(&lines));
+    beats.into_iter().chain(volume.map(|svg| (format!("{PREPARED}/volume.svg"), svg))).collect()
 }
 
 fn text(answer: &Preparation, talk: &Talk) -> String {

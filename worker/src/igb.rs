@@ -8,9 +8,26 @@ use std::collections::BTreeMap;
 /// Bytes of the header.
 const HEADER: usize = 1024;
 
+/// The beginning of a file of single-precision millivolts (little-endian), one frame a millisecond from 0 on; the numbers of each
+/// frame's nodes follow.
+///
+/// - `n_nodes`, `n_frames`: what follows
+/// - `length_ms`: time of the last frame
+#[must_use]
+pub fn header_mv(n_nodes: usize, n_frames: usize, length_ms: f64) -> Vec<u8> {
+    let text = format!(
+        "x:{n_nodes} y:1 z:1 t:{n_frames} type:float systeme:little_endian \r\n\
+         org_t:0 dim_t:{length_ms} fac_t:1 unites_x:um unites_y:um unites_z:um unites_t:ms unites:mV facteur:1 zero:0 \r\n"
+    );
+    let mut bytes = text.into_bytes();
+    bytes.resize(HEADER - 1, b' ');
+    bytes.push(0x0c);
+    bytes
+}
+
 /// Numbers of all nodes at several times.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Igb {
+pub struct Igb {
     /// Times in ms.
     pub time_ms: Vec<f64>,
     /// Nodes.
@@ -21,7 +38,7 @@ pub(super) struct Igb {
 
 /// Why a file is not one of these.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub(super) enum IgbError {
+pub enum IgbError {
     /// Shorter than its header.
     #[error("{0} bytes, expected a header of 1,024 bytes and data")]
     Short(usize),
@@ -52,7 +69,7 @@ pub(super) enum IgbError {
 ///
 /// # Errors
 /// [`IgbError`] with what is not as it must be.
-pub(super) fn read(bytes: &[u8]) -> Result<Igb, IgbError> {
+pub fn read(bytes: &[u8]) -> Result<Igb, IgbError> {
     if bytes.len() < HEADER {
         return Err(IgbError::Short(bytes.len()));
     }
@@ -133,6 +150,17 @@ mod tests {
         assert_eq!(read(&file(HEAD, &ended)).unwrap(), found);
         let scaled = read(&file(&HEAD.replace("facteur:1 zero:0", "facteur:2 zero:1"), &little)).unwrap();
         assert_eq!(scaled.values[5], -169.0);
+    }
+
+    #[test]
+    fn what_we_write_is_read_again() {
+        let mut bytes = header_mv(2, 3, 2.0);
+        let numbers = [-85.0_f32, f32::NAN, 0.0, 1.0, 2.0, 20.5];
+        bytes.extend(numbers.iter().flat_map(|x| x.to_le_bytes()));
+        let found = read(&bytes).unwrap();
+        assert_eq!((found.n_nodes, &found.time_ms[..]), (2, &[0.0, 1.0, 2.0][..]));
+        assert!(found.values[1].is_nan());
+        assert_eq!((found.values[0], found.values[5]), (-85.0, 20.5));
     }
 
     #[test]
