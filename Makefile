@@ -15,7 +15,7 @@ BUILD := $(CARGO) build --release --locked --workspace --bins
 # The worker on MPI ranks is the one thing that needs an MPI, and is left out where there is none.
 BUILD_MPI := $(CARGO) build --release --locked --package cardiotwin-worker --features mpi --bin cardiotwin-worker-mpi
 
-.PHONY: help deps deps-demo build test-mpich demo test bench work-precision evaluate-discover afterload verify slurm-kills clean-run
+.PHONY: help book install package vendor deps deps-demo build test-mpich demo test bench work-precision evaluate-discover afterload verify slurm-kills clean-run
 
 help: ## print this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "  make %-18s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -42,6 +42,19 @@ MPICH_TARGET := $(if $(CARGO_TARGET_DIR),$(CARGO_TARGET_DIR),target)/mpich
 test-mpich: ## build the worker with MPICH beside Open MPI, and pass its tests on MPICH's ranks (minutes; Debian: mpich libmpich-dev)
 	MPICC=mpicc.mpich CARDIOTWIN_MPIRUN=mpirun.mpich CARGO_TARGET_DIR=$(MPICH_TARGET) \
 		$(CARGO) test --release --locked --package cardiotwin-worker --features mpi --test mpi
+
+book: ## make the book of all documents into target/book/html, and check its links (mdbook, python3)
+	docs/book/build.sh $(if $(CARGO_TARGET_DIR),$(CARGO_TARGET_DIR),target)/book
+
+PREFIX ?= /usr/local
+install: build ## put programs, manual, completions, site profiles and a modulefile under PREFIX (DESTDIR before it)
+	deploy/install.sh $(PREFIX) $(BIN)
+
+package: ## make dist/cardiotwin-VERSION-ARCH.tar.gz with a static coordinator (musl; docs/installing.md)
+	deploy/package.sh dist
+
+vendor: ## make dist/cardiotwin-VERSION-source.tar.gz with the sources of all dependencies, for builds without network
+	deploy/vendor.sh dist
 
 bench: build ## measure the figures of docs/benchmarks.md on this machine (minutes)
 	$(CARGO) bench --locked --workspace

@@ -99,6 +99,11 @@ if $CARGO clippy --version >/dev/null 2>&1; then
 else
     skipped "clippy" "clippy is not installed"
 fi
+if command -v mdbook >/dev/null && command -v python3 >/dev/null; then
+    part "the book, its links" docs/book/build.sh "${CARGO_TARGET_DIR:-target}/book"
+else
+    skipped "the book, its links" "mdbook or python3 is not installed (Debian 13 has both)"
+fi
 part "documentation, warnings are errors" env RUSTDOCFLAGS="-D warnings" "$CARGO" doc --release --locked --workspace --no-deps --document-private-items
 
 summary

@@ -57,6 +57,11 @@ if [ ${#optional[@]} -gt 0 ] && ! install "${optional[@]}"; then
     say "skipped, not needed for the demo: ${optional[*]}; tests that need them say so and are skipped"
 fi
 
+# Debian has it from 13 on; the book is left out without it.
+if [ "$purpose" = test ] && ! have mdbook && [ "$(. /etc/os-release 2>/dev/null && echo "${ID:-}${VERSION_ID:-0}" | sed -n 's/^debian//p')" -ge 13 ] 2>/dev/null; then
+    install mdbook || say "skipped, not needed for the demo: mdbook"
+fi
+
 # --- the Rust toolchain: never installed behind anyone's back -----------------------------------------------------
 wanted=$(sed -n 's/^rust-version *= *"\([0-9.]*\)".*/\1/p' Cargo.toml)
 how_to="get one with rustup (https://rustup.rs):  curl --proto '=https' --tlsv1.2 -sSf https://sh.rustup.rs | sh"

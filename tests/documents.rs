@@ -164,3 +164,51 @@ fn commands_and_their_flags_exist() {
     assert!(helps.len() > 8, "the documents show commands, but only {:?} were found", helps.keys());
     assert!(problems.is_empty(), "commands that do not exist:\n  {}", problems.join("\n  "));
 }
+
+/// Rust files of a folder.
+fn sources(folder: &Path, found: &mut Vec<PathBuf>) {
+    for entry in std::fs::read_dir(folder).expect("a folder of the repository").flatten() {
+        let path = entry.path();
+        if path.is_dir() {
+            sources(&path, found);
+        } else if path.extension().is_some_and(|extension| extension == "rs") {
+            found.push(path);
+        }
+    }
+}
+
+/// Every message of an error type of the programs stands on the page of error messages, with its remedy.
+#[test]
+fn error_messages_have_their_remedies() {
+    let page = read(&root().join("docs/errors.md"));
+    // A row with a remedy, or an item of a list whose heading has one.
+    let told: BTreeSet<&str> = page
+        .lines()
+        .filter_map(|line| match line.strip_prefix("| `") {
+            Some(row) => row.split_once("` | ").filter(|(_, remedy)| remedy.trim_end_matches('|').trim().len() > 5),
+            None => line.strip_prefix("- `").and_then(|item| item.split_once('`')),
+        })
+        .map(|(message, _)| message)
+        .collect();
+    let attribute = regex::Regex::new(r#"#\[error\(\s*"((?:[^"\\]|\\.)*)""#).expect("a regular expression");
+    let continued = regex::Regex::new(r"\\\n\s*").expect("a regular expression");
+    let mut files = Vec::new();
+    for folder in ["coordinator/src", "coordinator/slurm/src", "worker/src", "solver"] {
+        sources(&root().join(folder), &mut files);
+    }
+    let mut missing = BTreeSet::new();
+    let mut n_messages = 0;
+    for file in files {
+        for found in attribute.captures_iter(&read(&file)) {
+            let message =
+                continued.replace_all(&found[1], "").replace("\\\"", "\"").replace('`', "'").replace('|', "\\|");
+            n_messages += 1;
+            if !told.contains(message.as_str()) {
+                missing.insert(format!("{}: {message}", file.display()));
+            }
+        }
+    }
+    let missing: Vec<String> = missing.into_iter().collect();
+    assert!(missing.is_empty(), "not on docs/errors.md, or without a remedy:\n  {}", missing.join("\n  "));
+    assert!(n_messages > 200, "the sources were read");
+}

@@ -46,7 +46,7 @@ fn a_damaged_database_is_named_and_left_alone() {
     assert_eq!(std::fs::read(database(&cohort)).unwrap(), damaged, "it was not touched");
 
     std::fs::write(database(&cohort), b"this was never a database, only a long enough text to look like one").unwrap();
-    cohort.call(&["run"]).expect(5).complains_of(&["not a cardiotwin database"]);
+    cohort.call(&["run"]).expect(5).complains_of(&["no database of cardiotwin"]);
 
     std::fs::write(database(&cohort), &whole).unwrap();
     cohort.call(&["run", "--no-report"]).expect(0);

@@ -2,6 +2,7 @@
 //! mocked. `make test` builds the binaries first; by hand: `cargo build --release --workspace --bins`.
 
 mod afterload;
+mod book;
 mod damage;
 mod discover;
 mod export;

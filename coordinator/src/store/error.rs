@@ -14,7 +14,7 @@ pub enum StoreError {
         file: PathBuf,
     },
     /// The file is something else.
-    #[error("{file} is not a cardiotwin database ({found}); give another run directory with --run-dir")]
+    #[error("{file} is no database of cardiotwin ({found}); give another run directory with --run-dir")]
     NotOurs {
         /// The file.
         file: PathBuf,
