@@ -1,7 +1,12 @@
 //! Cohorts from end to end.
 
+use std::fs;
+use std::path::Path;
+
+use rustix::process::Signal;
+
 use crate::cluster::Cluster;
-use crate::cohort::{Cohort, QUICK};
+use crate::cohort::{Cohort, QUICK, signal};
 
 pub fn a_cohort_is_done_after_one_wait_in_the_queue(cluster: &Cluster) {
     let patients = ["01-CoA", "02-CoA", "03-CoA", "05-CoA"];
@@ -108,4 +113,33 @@ pub fn a_run_on_a_shared_file_system_is_read_from_a_snapshot(cluster: &Cluster) 
     std::fs::create_dir(&copy).expect("a folder");
     assert_eq!(shared(&["backup", "--to", "copies/cardiotwin.db"]).0, Some(0));
     assert!(cohort.call(&["status", "copies"]).out.contains("1 done"));
+}
+
+/// The bundled solver in Python takes our own's place, and a worker is killed amid one of its simulations.
+pub fn a_cohort_on_another_solver_survives_a_killed_worker(cluster: &Cluster) {
+    if !std::process::Command::new("python3").arg("--version").output().is_ok_and(|said| said.status.success()) {
+        eprintln!("not tested: no python3 here to run an external solver");
+        return;
+    }
+    let cohort = Cohort::of(cluster, &["01-CoA", "02-CoA"], QUICK);
+    let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("../examples/external-solver/lv.py");
+    let solver = fs::read_to_string(source).expect("the example");
+    // Longer than a moment, so that the kill comes in between.
+    let slow = solver.replacen("def main():", "def main():\n    import time\n    time.sleep(0.5)", 1);
+    assert_ne!(slow, solver);
+    fs::write(cohort.folder.path().join("lv.py"), slow).expect("a file");
+    let settings = cohort.folder.path().join("cohort.toml");
+    let text = fs::read_to_string(&settings).expect("the cohort").replace("\"reduced\"", "\"external\"");
+    let external = "[solver.external]\nfiles = { model = \"lv.py\" }\nparameters = \"json\"\n\
+                    command = [\"python3\", \"{model}\", \"{parameters}\", \"{out}\"]\n";
+    fs::write(&settings, format!("{text}{external}")).expect("the cohort");
+    cohort.running_job();
+    let at_work = || cohort.workers().into_iter().find(|claim| claim.with_file_name("external").is_dir());
+    cluster.wait("a simulation of the other solver", || at_work().is_some());
+    let claim = at_work().or_else(at_work).expect("one is at work");
+    signal(&claim, Signal::KILL);
+    assert_eq!(cohort.finish(), 0);
+    cohort.assert_done();
+    let tally = cohort.tally();
+    assert!(tally.published >= 10 && tally.twice == 0 && tally.again == 0 && tally.repeated <= 2, "{tally:?}");
 }
