@@ -31,6 +31,9 @@ pub struct JobOrder {
     pub lanes: u32,
     /// Threads of each.
     pub threads: u32,
+    /// Launcher of MPI with its arguments: 3D simulations then run on as many ranks, each a step of the job.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub launcher: Vec<String>,
     /// Instructions of the cell engine.
     #[serde(default, skip_serializing_if = "InstructionSet::is_auto")]
     pub instruction_set: InstructionSet,

@@ -415,8 +415,9 @@ pub struct ExecutorSettings {
     /// Threads of each worker; 0: on this machine all cores for step 0 and a beat of the 3D ventricle on 8,000 nodes or more, beside
     /// which nothing else runs, and one for anything else.
     pub threads: u32,
-    /// Launcher of MPI with its arguments, `["mpirun"]` for one: on this machine a 3D simulation with several threads then runs on
-    /// as many ranks of `cardiotwin-worker-mpi` instead, `LAUNCHER -n THREADS cardiotwin-worker-mpi run …`.
+    /// Launcher of MPI with its arguments, `["mpirun"]` or `["srun", "--mpi=pmix"]` for one: a 3D simulation with several threads then
+    /// runs on as many ranks of `cardiotwin-worker-mpi` instead, `LAUNCHER -n THREADS cardiotwin-worker-mpi run …`; in a job of a
+    /// cluster, within the node that the driver has.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub launcher: Vec<String>,
     /// Instructions of the cell engine; recorded in every outcome.

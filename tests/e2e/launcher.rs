@@ -31,9 +31,6 @@ fn a_launcher_that_is_not_there_is_named_before_anything_runs() {
     let said = cohort.call(&[&RUN[..], &[setting]].concat());
     assert_ne!(said.code, 0);
     said.complains_of(&["executor.launcher", "no-such-launcher", "expected the launcher of an MPI"]);
-    let said = cohort.call(&[&RUN[..], &["executor.launcher=[\"env\"]", "--executor", "slurm"]].concat());
-    assert_ne!(said.code, 0);
-    said.complains_of(&["executor.launcher", "unless executor.kind is \"local\""]);
 }
 
 #[test]

@@ -70,7 +70,8 @@ pub struct Cohort<'a> {
     settings: Vec<String>,
 }
 
-fn binary(name: &str) -> PathBuf {
+/// A built program.
+pub fn binary(name: &str) -> PathBuf {
     let test = std::env::current_exe().expect("a test knows its own path");
     let path = test.parent().and_then(Path::parent).expect("tests lie in target/PROFILE/deps").join(name);
     assert!(path.is_file(), "{} is not there: `cargo build --release --workspace --bins` first", path.display());

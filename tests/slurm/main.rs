@@ -27,6 +27,7 @@ const TESTS: &[Test] = &[
     ("a cohort is done after one wait in the queue", whole::a_cohort_is_done_after_one_wait_in_the_queue),
     ("a tick takes two commands", whole::a_tick_takes_two_commands),
     ("a cohort on another solver survives a killed worker", whole::a_cohort_on_another_solver_survives_a_killed_worker),
+    ("a beat in 3D runs on MPI ranks of its job", whole::a_beat_in_3d_runs_on_mpi_ranks_of_its_job),
     ("a plan is what is submitted", whole::a_plan_is_what_is_submitted),
     (
         "a job that submits itself brings a cohort to its end",

@@ -143,3 +143,32 @@ pub fn a_cohort_on_another_solver_survives_a_killed_worker(cluster: &Cluster) {
     let tally = cohort.tally();
     assert!(tally.published >= 10 && tally.twice == 0 && tally.again == 0 && tally.repeated <= 2, "{tally:?}");
 }
+
+/// With a launcher each 3D simulation of a job is a step of its own, on ranks.
+pub fn a_beat_in_3d_runs_on_mpi_ranks_of_its_job(cluster: &Cluster) {
+    let worker = crate::cohort::binary("cardiotwin-worker").with_file_name("cardiotwin-worker-mpi");
+    let plugins = cluster.slurm("srun", &["--mpi=list"]);
+    if !worker.is_file() || !plugins.contains("pmix") {
+        eprintln!("not tested: {} or srun's pmix is not there: {plugins}", worker.display());
+        return;
+    }
+    let words = ["srun", "--mpi=pmix", "--overcommit"];
+    let cohort = Cohort::of(cluster, &["06-CoA"], QUICK)
+        .set("solver.fidelity=finite-element")
+        .set("solver.finite_element.mesh_nodes=500")
+        .set("solver.time_step_ms=2")
+        .set("step1.max_iterations=1")
+        .set("verification.enabled=false")
+        .set("executor.threads=2")
+        .set(&format!("executor.launcher={words:?}"));
+    assert_eq!(cohort.finish(), 0, "{:#}", cohort.status());
+    cohort.assert_done();
+    let outcomes = cohort.attempts_with("outcome.json");
+    let ranks = |path: &std::path::PathBuf| {
+        let outcome: serde_json::Value =
+            serde_json::from_str(&fs::read_to_string(path.join("outcome.json")).expect("an outcome")).expect("JSON");
+        outcome["provenance"]["ranks"].as_u64()
+    };
+    let on_two = outcomes.iter().filter(|path| ranks(path) == Some(2)).count();
+    assert!(on_two >= 2 && on_two < outcomes.len(), "step 0 and a beat: {on_two} of {}", outcomes.len());
+}

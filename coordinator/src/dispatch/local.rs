@@ -54,6 +54,15 @@ pub struct Launcher {
     pub worker: PathBuf,
 }
 
+impl Launcher {
+    /// With the ranks' executable beside the worker; none for an empty command.
+    #[must_use]
+    pub fn beside(command: &[String], worker: &Path) -> Option<Self> {
+        let worker = worker.with_file_name("cardiotwin-worker-mpi");
+        (!command.is_empty()).then(|| Self { command: command.to_vec(), worker })
+    }
+}
+
 #[derive(Debug)]
 struct Running {
     directory: PathBuf,
@@ -91,6 +100,8 @@ impl Local {
             return (Command::new(&self.worker), self.worker.clone());
         };
         let mut command = Command::new(program);
+        // In a job of Slurm's the driver's own step has the resources: a step of the launcher's would wait for them for ever.
+        command.env("SLURM_OVERLAP", "1");
         command.args(arguments).args(["-n", &n_ranks.to_string()]).arg(worker);
         (command, program.into())
     }

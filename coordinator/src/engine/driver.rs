@@ -24,7 +24,7 @@ use super::world::attempt_directory;
 use super::{EngineError, StopLevel, StopSignal};
 use crate::clock;
 use crate::dispatch::slurm::folder::{self, JobFolder};
-use crate::dispatch::{self, Evidence, Executor, Local, News, Order};
+use crate::dispatch::{self, Evidence, Executor, Launcher, Local, News, Order};
 use crate::machine::job::AttemptEnding;
 use crate::machine::judge::judge;
 use crate::machine::task::{Task, TaskEvent};
@@ -110,7 +110,10 @@ pub async fn drive_here(place: &DriverPlace) -> Result<Option<DriverEnd>, Engine
             }
         }
     });
-    let local = |order: &JobOrder| Local::new(order.worker.clone(), order.lanes.max(1) as usize).with_grace(GRACE);
+    let local = |order: &JobOrder| {
+        let launcher = Launcher::beside(&order.launcher, &order.worker);
+        Local::new(order.worker.clone(), order.lanes.max(1) as usize).with_grace(GRACE).with_launcher(launcher)
+    };
     drive_job(place, local, stop, || warned.load(Ordering::Relaxed)).await
 }
 

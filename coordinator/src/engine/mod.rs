@@ -128,6 +128,8 @@ pub async fn run(options: RunOptions, events: EventSender, stop: StopSignal) -> 
     if options.executor.kind == ExecutorKind::Slurm {
         let (_lock, lease, run_dir) = enter_with_lease(&options.run_dir)?;
         let worker = find_worker(options.worker.as_deref())?;
+        // The launcher itself may be on the nodes alone, or come with a module of the job.
+        Launcher::beside(&options.executor.launcher, &worker).map_or(Ok(()), |launcher| is_built(&launcher))?;
         let program = std::env::current_exe().map_err(|source| EngineError::File {
             what: "find",
             path: "this program".into(),
@@ -309,11 +311,14 @@ fn find_launcher(command: &[String], worker: &Path) -> Result<Option<Launcher>, 
     if !is_found {
         return Err(EngineError::NoLauncher { program: program.clone() });
     }
-    let path = worker.with_file_name("cardiotwin-worker-mpi");
-    if !path.is_file() {
-        return Err(EngineError::NoMpiWorker { path });
-    }
-    Ok(Some(Launcher { command: command.to_vec(), worker: path }))
+    let launcher = Launcher::beside(command, worker);
+    launcher.as_ref().map_or(Ok(()), is_built)?;
+    Ok(launcher)
+}
+
+fn is_built(launcher: &Launcher) -> Result<(), EngineError> {
+    let path = launcher.worker.clone();
+    if path.is_file() { Ok(()) } else { Err(EngineError::NoMpiWorker { path }) }
 }
 
 /// Changes settings of a patient from a stage on; step 1 goes on from its stored iterations without repeating them.

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use cardiotwin_schemas::finite_element::FiniteElementSettings;
 use cardiotwin_schemas::organ::CELL_PARAMETERS;
 use cardiotwin_schemas::settings::{
-    CellFitSettings, ExecutorKind, STEP1_BIOMARKERS, STEP1_PARAMETERS, Settings, SolverSettings, Step1Settings,
+    CellFitSettings, STEP1_BIOMARKERS, STEP1_PARAMETERS, Settings, SolverSettings, Step1Settings,
 };
 
 use super::external;
@@ -40,14 +40,6 @@ pub fn complaints(settings: &Settings) -> Vec<Complaint> {
     let executor = &settings.executor;
     list.count("executor.threads", executor.threads, 0, 1024);
     list.count("executor.workers", executor.workers, 0, 4096);
-    if !executor.launcher.is_empty() && executor.kind != ExecutorKind::Local {
-        list.add(
-            "executor.launcher",
-            executor.launcher.join(" "),
-            "none, unless executor.kind is \"local\": in a job of a cluster, workers have threads",
-            "leave it away",
-        );
-    }
     list.count("executor.site_retries", executor.site_retries, 0, 100);
     list.within("executor.vtu_every_ms", executor.vtu_every_ms, 0.0, 1e5);
     list.within("executor.hang_timeout_s", executor.hang_timeout_s, 0.0, 1e7);

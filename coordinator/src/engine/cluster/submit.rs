@@ -197,6 +197,7 @@ impl<S: Scheduler> Cluster<S> {
                 worker: self.worker.clone(),
                 lanes: row.spec.lanes,
                 threads: row.spec.threads,
+                launcher: self.settings.launcher.clone(),
                 instruction_set: self.settings.instruction_set,
                 vtu_every_ms: self.settings.vtu_every_ms,
                 expected_s,
