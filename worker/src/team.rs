@@ -10,6 +10,7 @@ use serde::{Deserialize, Serialize};
 use crate::error::TaskError;
 use crate::finite_element::passive::{self, PassiveOrder};
 use crate::finite_element::stored::About;
+use crate::finite_element::tissue;
 use crate::tasks::organ_beat;
 
 /// What rank 0 calls the others to; the mesh comes from it, too.
@@ -17,6 +18,8 @@ use crate::tasks::organ_beat;
 pub(crate) enum Call {
     /// A beat of the ventricle that a file is about.
     Beat(Box<OrganBeatSpec>, Box<About>),
+    /// Fibres and activation times.
+    Tissue,
     /// Unloading and fit of a passive law.
     PassiveState(Box<PassiveOrder>),
 }
@@ -110,6 +113,7 @@ impl Team {
             let words: Vec<u8> = words.into_iter().map(|word| word as u8).collect();
             match serde_json::from_slice(&words).expect("rank 0 sends a call") {
                 Call::Beat(spec, about) => organ_beat::serve(&spec, &about, self)?,
+                Call::Tissue => tissue::serve(self),
                 Call::PassiveState(order) => passive::serve(&order, self),
             }
         }

@@ -8,6 +8,7 @@
 //! - [`linear`]: sparse matrices of 3×3 blocks and solvers
 //! - [`prescribed`]: bodies under active stress and pressures that are prescribed in time
 //! - [`parallel`]: every global operation behind one interface
+//! - [`tissue`]: fibres and activation times on ranks
 //! - [`number`]: the numbers that kernels are written over, SIMD vectors among them
 //!
 //! Units: mm, ms, mg, kPa, mN (coherent). Tensors are in the fibre frame.
@@ -30,3 +31,4 @@ pub mod prescribed;
 pub mod statics;
 pub mod step;
 pub mod time_integration;
+pub mod tissue;

@@ -4,6 +4,7 @@
 //! computational heart models", Ann. Biomed. Eng. 40, 2243, for a left ventricle alone: without the right ventricle's field
 //! both angles are linear in the transmural one.
 
+use crate::joint::{Alone, Joint, any, sums};
 use crate::laplace::{self, LaplaceError};
 use crate::tet_mesh::{Frame, TetMesh, shape_gradients, surface_names};
 use crate::vec3::{Vec3, add, any_perpendicular, axpy, cross, norm, reject, scale, unit};
@@ -58,8 +59,21 @@ pub struct Fields {
 /// # Errors
 /// [`LaplaceError`] where a surface is missing or the solver fails.
 pub fn fields(mesh: &TetMesh, muscle_tags: &[i32], rule: Longitudinal) -> Result<Fields, LaplaceError> {
+    fields_of_part(mesh, &Alone(mesh.n_nodes()), muscle_tags, rule)
+}
+
+/// [`fields`] of the nodes of a part, the same to the bit for any cut; the apex is a node of the whole mesh. Collective.
+///
+/// # Errors
+/// As for [`fields`], on all parts.
+pub fn fields_of_part(
+    mesh: &TetMesh,
+    joint: &dyn Joint,
+    muscle_tags: &[i32],
+    rule: Longitudinal,
+) -> Result<Fields, LaplaceError> {
     let muscle = |e: usize| muscle_tags.contains(&mesh.tags[e]);
-    let depth = depth(mesh, muscle_tags)?;
+    let depth = depth_of_part(mesh, joint, muscle_tags)?;
     let mut in_muscle = vec![false; mesh.n_nodes()];
     let mut elsewhere = vec![false; mesh.n_nodes()];
     for (e, tet) in mesh.tets.iter().enumerate() {
@@ -72,7 +86,7 @@ pub fn fields(mesh: &TetMesh, muscle_tags: &[i32], rule: Longitudinal) -> Result
     }
     let mut fixed: Vec<Option<f64>> =
         (0..mesh.n_nodes()).map(|node| (in_muscle[node] && elsewhere[node]).then_some(1.0)).collect();
-    if fixed.iter().all(Option::is_none) {
+    if !any(joint, fixed[..joint.n_owned()].iter().any(Option::is_some)) {
         return Err(LaplaceError::Floating {
             field: "longitudinal field",
             expected: "rim, or other tissue at the base",
@@ -81,11 +95,13 @@ pub fn fields(mesh: &TetMesh, muscle_tags: &[i32], rule: Longitudinal) -> Result
     let source = match rule {
         Longitudinal::FromBase => -1.0,
         Longitudinal::FromApexNode(node) => {
-            fixed[node as usize] = Some(0.0);
+            for own in (0..joint.n_owned()).filter(|own| joint.node(*own) == node) {
+                fixed[own] = Some(0.0);
+            }
             0.0
         }
     };
-    let longitudinal = laplace::solve("longitudinal field", mesh, &muscle, &fixed, source)?;
+    let longitudinal = laplace::solve("longitudinal field", mesh, joint, &muscle, &fixed, source)?;
     Ok(Fields { depth, longitudinal })
 }
 
@@ -94,18 +110,22 @@ pub fn fields(mesh: &TetMesh, muscle_tags: &[i32], rule: Longitudinal) -> Result
 /// # Errors
 /// [`LaplaceError`] where one of the surfaces is missing or the solver fails.
 pub fn depth(mesh: &TetMesh, muscle_tags: &[i32]) -> Result<Vec<f64>, LaplaceError> {
+    depth_of_part(mesh, &Alone(mesh.n_nodes()), muscle_tags)
+}
+
+fn depth_of_part(mesh: &TetMesh, joint: &dyn Joint, muscle_tags: &[i32]) -> Result<Vec<f64>, LaplaceError> {
     let mut fixed = vec![None; mesh.n_nodes()];
     let walls = [(surface_names::EPICARDIUM, 1.0), (surface_names::SEPTUM, 1.0), (surface_names::ENDOCARDIUM, 0.0)];
     for (name, value) in walls {
         let nodes = mesh.surface(name).map(|surface| surface.nodes()).unwrap_or_default();
-        if nodes.is_empty() && name != surface_names::SEPTUM {
+        if !any(joint, !nodes.is_empty()) && name != surface_names::SEPTUM {
             return Err(LaplaceError::Floating { field: "transmural field", expected: "endocardium and epicardium" });
         }
         for node in nodes {
             fixed[node as usize] = Some(value);
         }
     }
-    laplace::solve("transmural field", mesh, &|e| muscle_tags.contains(&mesh.tags[e]), &fixed, 0.0)
+    laplace::solve("transmural field", mesh, joint, &|e| muscle_tags.contains(&mesh.tags[e]), &fixed, 0.0)
 }
 
 /// Directions for every element by the rule; zeros in elements that are no muscle.
@@ -114,10 +134,22 @@ pub fn depth(mesh: &TetMesh, muscle_tags: &[i32]) -> Result<Vec<f64>, LaplaceErr
 /// the direction comes from the neighbours, and where theirs cancel, from a fixed choice: every frame is orthonormal.
 #[must_use]
 pub fn frames(mesh: &TetMesh, muscle_tags: &[i32], fields: &Fields, angles: &Angles) -> Vec<Frame> {
+    frames_of_part(mesh, &Alone(mesh.n_nodes()), muscle_tags, fields, angles)
+}
+
+/// [`frames`] of the elements of a part, the same to the bit for any cut. Collective.
+#[must_use]
+pub fn frames_of_part(
+    mesh: &TetMesh,
+    joint: &dyn Joint,
+    muscle_tags: &[i32],
+    fields: &Fields,
+    angles: &Angles,
+) -> Vec<Frame> {
     let none = Frame { fibre: [0.0; 3], sheet: [0.0; 3], normal: [0.0; 3] };
     let muscle = |e: usize| muscle_tags.contains(&mesh.tags[e]);
-    let transmural = directions(mesh, &fields.depth, &muscle);
-    let longitudinal = directions(mesh, &fields.longitudinal, &muscle);
+    let transmural = directions(mesh, joint, &fields.depth, &muscle);
+    let longitudinal = directions(mesh, joint, &fields.longitudinal, &muscle);
     (0..mesh.n_tets())
         .map(|e| {
             if !muscle(e) {
@@ -147,8 +179,8 @@ pub fn turned(around: Vec3, up: Vec3, out: Vec3, alpha: f64, beta: f64) -> Frame
     Frame { fibre, sheet, normal }
 }
 
-/// Gradient of a nodal field in each element; where it nearly vanishes, the mean of the neighbours'.
-fn directions(mesh: &TetMesh, field: &[f64], within: &dyn Fn(usize) -> bool) -> Vec<Vec3> {
+/// Gradient of a nodal field in each element; where it nearly vanishes, the mean of the neighbours' that do not.
+fn directions(mesh: &TetMesh, joint: &dyn Joint, field: &[f64], within: &dyn Fn(usize) -> bool) -> Vec<Vec3> {
     let mut found: Vec<Vec3> = (0..mesh.n_tets())
         .map(|e| {
             if !within(e) {
@@ -158,21 +190,28 @@ fn directions(mesh: &TetMesh, field: &[f64], within: &dyn Fn(usize) -> bool) -> 
             (0..4).fold([0.0; 3], |sum, i| axpy(sum, field[mesh.tets[e][i] as usize], gradients[i]))
         })
         .collect();
-    let elements: Vec<usize> = (0..mesh.n_tets()).filter(|e| within(*e)).collect();
-    let typical = elements.iter().map(|e| norm(found[*e])).sum::<f64>() / elements.len().max(1) as f64;
-    let vanishing: Vec<usize> =
-        elements.into_iter().filter(|e| norm(found[*e]).is_nan() || norm(found[*e]) < 1e-6 * typical).collect();
-    if vanishing.is_empty() {
+    let counted = || (0..mesh.n_tets()).filter(|e| within(*e) && joint.speaks_for(*e)).collect::<Vec<usize>>();
+    let lengths: Vec<f64> = counted().into_iter().map(|e| norm(found[e])).collect();
+    let ones = vec![1.0; lengths.len()];
+    let [length, n] = sums(joint, [lengths.iter().copied(), ones.iter().copied()]);
+    let typical = length / n.max(1.0);
+    let vanishes = |gradient: Vec3| norm(gradient).is_nan() || norm(gradient) < 1e-6 * typical;
+    let vanishing: Vec<usize> = (0..mesh.n_tets()).filter(|e| within(*e) && vanishes(found[*e])).collect();
+    if !any(joint, !vanishing.is_empty()) {
         return found;
     }
+    // Around each node, whose owner holds all of its elements.
     let around = crate::adjacency::Adjacency::node_to_tets(mesh.n_nodes(), &mesh.tets);
+    let mut at_nodes: [Vec<f64>; 3] = std::array::from_fn(|_| vec![0.0; mesh.n_nodes()]);
+    for node in 0..joint.n_owned() {
+        let gradients = around.row(node).iter().map(|e| found[*e as usize]);
+        let sum = gradients.filter(|gradient| norm(*gradient) >= 1e-6 * typical).fold([0.0; 3], add);
+        at_nodes.iter_mut().zip(sum).for_each(|(values, own)| values[node] = own);
+    }
+    at_nodes.iter_mut().for_each(|values| joint.update(values));
     for e in vanishing {
-        let neighbours = mesh.tets[e].iter().flat_map(|node| around.row(*node as usize));
-        let sum = neighbours
-            .map(|other| found[*other as usize])
-            .filter(|gradient| norm(*gradient) >= 1e-6 * typical)
-            .fold([0.0; 3], add);
-        found[e] = sum;
+        let of = |node: u32| std::array::from_fn(|i| at_nodes[i][node as usize]);
+        found[e] = mesh.tets[e].iter().fold([0.0; 3], |sum, node| add(sum, of(*node)));
     }
     found
 }

@@ -1,6 +1,7 @@
 //! Laplace and Poisson problems on linear tetrahedra, for fields that fibre rules and depths are made of.
 
 use crate::adjacency::Adjacency;
+use crate::joint::{Joint, any, dots, flags};
 use crate::tet_mesh::{TetMesh, shape_gradients};
 use crate::vec3::dot;
 
@@ -36,15 +37,36 @@ pub enum LaplaceError {
     },
 }
 
-/// A symmetric matrix in compressed rows.
+/// Rows of owned nodes of a symmetric matrix, compressed, each in the order of the whole mesh: a part's row is added up as
+/// the whole mesh's.
 struct Matrix {
     pattern: Adjacency,
     values: Vec<f64>,
+    /// Number of each node in the whole mesh.
+    numbers: Vec<u32>,
 }
 
 impl Matrix {
+    fn new(joint: &dyn Joint, n_nodes: usize, tets: &[[u32; 4]]) -> Self {
+        let mut pattern = Adjacency::node_to_nodes(n_nodes, tets);
+        let numbers: Vec<u32> = (0..n_nodes).map(|node| joint.node(node)).collect();
+        pattern.starts.truncate(joint.n_owned() + 1);
+        pattern.items.truncate(pattern.starts[joint.n_owned()]);
+        for rows in pattern.starts.windows(2) {
+            pattern.items[rows[0]..rows[1]].sort_unstable_by_key(|node| numbers[*node as usize]);
+        }
+        Self { values: vec![0.0; pattern.items.len()], pattern, numbers }
+    }
+
+    /// Where an entry's value is.
+    fn place(&self, row: usize, column: u32) -> Option<usize> {
+        let number = |node: u32| self.numbers[node as usize];
+        let found = self.pattern.row(row).binary_search_by_key(&number(column), |node| number(*node));
+        found.ok().map(|k| self.pattern.starts[row] + k)
+    }
+
     fn times(&self, x: &[f64], y: &mut [f64]) {
-        for (i, out) in y.iter_mut().enumerate() {
+        for (i, out) in y.iter_mut().enumerate().take(self.pattern.n_rows()) {
             let row = self.pattern.starts[i]..self.pattern.starts[i + 1];
             *out = row.map(|k| self.values[k] * x[self.pattern.items[k] as usize]).sum();
         }
@@ -54,31 +76,37 @@ impl Matrix {
 /// Solves −Δu = `source` (per mm²) on the elements that `within` accepts, with u = `fixed` at the nodes where that is
 /// given and no flux elsewhere. Returns a value for each node; not-a-number at nodes of no accepted element.
 ///
+/// On a part of a mesh, `fixed` counts for its own nodes, and values are the same to the bit for any cut. Collective.
+///
 /// # Errors
-/// [`LaplaceError`], which names `field`.
+/// [`LaplaceError`], which names `field`, on all parts.
 pub fn solve(
     field: &'static str,
     mesh: &TetMesh,
+    joint: &dyn Joint,
     within: &dyn Fn(usize) -> bool,
     fixed: &[Option<f64>],
     source: f64,
 ) -> Result<Vec<f64>, LaplaceError> {
-    let n = mesh.n_nodes();
+    let (n, n_owned) = (mesh.n_nodes(), joint.n_owned());
     let tets: Vec<[u32; 4]> = (0..mesh.n_tets()).filter(|e| within(*e)).map(|e| mesh.tets[e]).collect();
     let mut active = vec![false; n];
     for node in tets.iter().flatten() {
         active[*node as usize] = true;
     }
-    if !(0..n).any(|node| active[node] && fixed[node].is_some()) {
+    let active = flags(joint, &active);
+    let mut held: Vec<f64> = fixed.iter().map(|value| value.unwrap_or(f64::NAN)).collect();
+    joint.update(&mut held);
+    let fixed: Vec<Option<f64>> = held.into_iter().map(|value| (!value.is_nan()).then_some(value)).collect();
+    if !any(joint, (0..n_owned).any(|node| active[node] && fixed[node].is_some())) {
         return Err(LaplaceError::Floating { field, expected: "its ends" });
     }
-    let pattern = Adjacency::node_to_nodes(n, &tets);
-    let mut matrix = Matrix { values: vec![0.0; pattern.items.len()], pattern };
+    let mut matrix = Matrix::new(joint, n, &tets);
     let mut right = vec![0.0; n];
     for tet in &tets {
         let (gradients, volume) = shape_gradients(tet.map(|node| mesh.nodes_mm[node as usize]));
         for (i, row) in tet.map(|node| node as usize).into_iter().enumerate() {
-            if fixed[row].is_some() {
+            if row >= n_owned || fixed[row].is_some() {
                 continue;
             }
             right[row] += source * volume / 4.0;
@@ -87,66 +115,75 @@ pub fn solve(
                 match fixed[*column as usize] {
                     Some(value) => right[row] -= entry * value,
                     None => {
-                        if let Ok(k) = matrix.pattern.row(row).binary_search(column) {
-                            matrix.values[matrix.pattern.starts[row] + k] += entry;
+                        if let Some(k) = matrix.place(row, *column) {
+                            matrix.values[k] += entry;
                         }
                     }
                 }
             }
         }
     }
-    let mut u = conjugate_gradients(field, &matrix, &right)?;
-    for node in 0..n {
+    let mut u = conjugate_gradients(field, &matrix, joint, &right)?;
+    for node in 0..n_owned {
         u[node] = match fixed[node] {
             _ if !active[node] => f64::NAN,
             Some(value) => value,
             None => u[node],
         };
     }
+    joint.update(&mut u);
     Ok(u)
 }
 
 /// Jacobi-preconditioned; rows without entries stay zero.
-fn conjugate_gradients(field: &'static str, a: &Matrix, b: &[f64]) -> Result<Vec<f64>, LaplaceError> {
-    let n = b.len();
-    let inverse: Vec<f64> = (0..n)
+fn conjugate_gradients(
+    field: &'static str,
+    a: &Matrix,
+    joint: &dyn Joint,
+    b: &[f64],
+) -> Result<Vec<f64>, LaplaceError> {
+    let (n, n_owned) = (b.len(), joint.n_owned());
+    let inverse: Vec<f64> = (0..n_owned)
         .map(|i| {
-            let diagonal =
-                a.pattern.row(i).binary_search(&(i as u32)).map_or(0.0, |k| a.values[a.pattern.starts[i] + k]);
+            let diagonal = a.place(i, i as u32).map_or(0.0, |k| a.values[k]);
             if diagonal > 0.0 { 1.0 / diagonal } else { 0.0 }
         })
         .collect();
-    let inner = |x: &[f64], y: &[f64]| x.iter().zip(y).map(|(x, y)| x * y).sum::<f64>();
     let mut x = vec![0.0; n];
     let mut r = b.to_vec();
-    let mut z: Vec<f64> = r.iter().zip(&inverse).map(|(r, m)| r * m).collect();
+    let mut z = vec![0.0; n];
+    for i in 0..n_owned {
+        z[i] = inverse[i] * r[i];
+    }
     let mut p = z.clone();
     let mut ap = vec![0.0; n];
-    let mut rz = inner(&r, &z);
-    let start = inner(b, b).sqrt();
+    let [mut rz, bb] = dots(joint, [(&r, &z), (b, b)]);
+    let start = bb.sqrt();
     let mut residual = 1.0;
     if start == 0.0 {
         return Ok(x);
     }
     for _ in 0..MOST_ITERATIONS {
+        joint.update(&mut p);
         a.times(&p, &mut ap);
-        let step = rz / inner(&p, &ap);
-        for i in 0..n {
+        let [pap] = dots(joint, [(&p, &ap)]);
+        let step = rz / pap;
+        for i in 0..n_owned {
             x[i] += step * p[i];
             r[i] -= step * ap[i];
             z[i] = inverse[i] * r[i];
         }
-        residual = inner(&r, &r).sqrt() / start;
+        let [rr, next] = dots(joint, [(&r, &r), (&r, &z)]);
+        residual = rr.sqrt() / start;
         if residual < TOLERANCE {
             return Ok(x);
         }
         if !residual.is_finite() {
             break;
         }
-        let next = inner(&r, &z);
         let turn = next / rz;
         rz = next;
-        for i in 0..n {
+        for i in 0..n_owned {
             p[i] = z[i] + turn * p[i];
         }
     }
@@ -156,6 +193,7 @@ fn conjugate_gradients(field: &'static str, a: &Matrix, b: &[f64]) -> Result<Vec
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::joint::Alone;
     use crate::test_meshes::cube;
 
     #[test]
@@ -166,7 +204,7 @@ mod tests {
             .iter()
             .map(|x| (x[0] == 0.0).then_some(1.0).or_else(|| (x[0] == 2.0).then_some(5.0)))
             .collect();
-        let u = solve("u", &mesh, &|_| true, &fixed, 0.0).unwrap();
+        let u = solve("u", &mesh, &Alone(mesh.n_nodes()), &|_| true, &fixed, 0.0).unwrap();
         for (x, u) in mesh.nodes_mm.iter().zip(u) {
             assert!((u - (1.0 + 2.0 * x[0])).abs() < 1e-8);
         }
@@ -179,7 +217,7 @@ mod tests {
             let mesh = cube(n, 1.0);
             let ends = |x: &[f64; 3]| (x[2] == 0.0 || x[2] == 1.0).then_some(0.0);
             let fixed: Vec<_> = mesh.nodes_mm.iter().map(ends).collect();
-            let u = solve("u", &mesh, &|_| true, &fixed, 2.0).unwrap();
+            let u = solve("u", &mesh, &Alone(mesh.n_nodes()), &|_| true, &fixed, 2.0).unwrap();
             let squares: f64 = (0..mesh.n_tets())
                 .map(|e| {
                     // at centroids: nodal values of a one-dimensional problem are exact
@@ -199,11 +237,11 @@ mod tests {
     #[test]
     fn a_field_that_nothing_holds_is_refused_and_other_parts_have_no_value() {
         let mesh = cube(2, 1.0);
-        let error = solve("u", &mesh, &|_| true, &vec![None; mesh.n_nodes()], 1.0).unwrap_err();
+        let error = solve("u", &mesh, &Alone(mesh.n_nodes()), &|_| true, &vec![None; mesh.n_nodes()], 1.0).unwrap_err();
         assert!(error.to_string().starts_with("u: no node has a given value"));
         let low = |e: usize| mesh.centroid_mm(e)[2] < 0.5;
         let fixed: Vec<_> = mesh.nodes_mm.iter().map(|x| (x[2] == 0.0).then_some(3.0)).collect();
-        let u = solve("u", &mesh, &low, &fixed, 0.0).unwrap();
+        let u = solve("u", &mesh, &Alone(mesh.n_nodes()), &low, &fixed, 0.0).unwrap();
         for (x, u) in mesh.nodes_mm.iter().zip(u) {
             assert!(if x[2] > 0.5 { u.is_nan() } else { (u - 3.0).abs() < 1e-9 }, "{x:?} {u}");
         }

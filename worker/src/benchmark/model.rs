@@ -7,6 +7,7 @@ use cardiotwin_mechanics::element::batch::Frame;
 use cardiotwin_mechanics::prescribed::{Course, EllipsoidFibres, Problem, SurfaceSupport};
 use cardiotwin_mesh::fibres::{Angles, Longitudinal, fields, frames};
 use cardiotwin_mesh::files;
+use cardiotwin_mesh::joint::Alone;
 use cardiotwin_mesh::refine::halve_edges;
 use cardiotwin_mesh::tet_mesh::{shape_gradients, surface_names};
 use cardiotwin_mesh::{LengthUnit, TetMesh, laplace};
@@ -288,7 +289,7 @@ fn laplace_depth(file: &Path, mesh: &TetMesh, endo: &[String], epi: &[String]) -
             }
         }
     }
-    laplace::solve("depth", mesh, &|_| true, &given, 0.0)
+    laplace::solve("depth", mesh, &Alone(mesh.n_nodes()), &|_| true, &given, 0.0)
         .map_err(|e| BenchmarkError::key(file, "fibres.depth", chain(&e), "a field that can be solved for"))
 }
 

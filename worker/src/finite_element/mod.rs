@@ -9,6 +9,7 @@ pub mod rows;
 pub mod series;
 pub mod shapes;
 pub mod stored;
+pub mod tissue;
 pub mod wall;
 
 pub use error::FiniteElementError;

@@ -84,6 +84,13 @@ pub enum Workers<'a> {
     Team(&'a Team),
 }
 
+impl<'a> Workers<'a> {
+    /// The team where there is one, else threads.
+    pub(crate) fn of(team: Option<&'a Team>, threads: u32) -> Self {
+        team.map_or(Self::Threads(threads.max(1) as usize), Self::Team)
+    }
+}
+
 /// Does a search on all workers where its solver has ranks, on one otherwise.
 ///
 /// - `settings`: what the job's wall was made of, but for its law

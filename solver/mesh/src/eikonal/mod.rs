@@ -3,7 +3,8 @@
 //! On each element the arrival at a corner is the least over the opposite face of arrival there plus travel time with
 //! the element's own speeds; linear fields, that is plane waves, are exact. Corners are visited in the order of their
 //! times, and once more where a later visit makes them earlier, until nothing changes: the result is the fixed point,
-//! whatever the numbering.
+//! whatever the numbering. On parts of a mesh each settles its own nodes, gets those of its neighbours, and settles again, until
+//! no part has news.
 //!
 //! Sources: Fu, Kirby, Whitaker 2013, "Fast iterative method for the eikonal equation on tetrahedral domains", SIAM J. Sci.
 //! Comput. 35, C473, for the update; SPEC of the model in `docs/models.md`.
@@ -11,7 +12,8 @@
 mod update;
 
 use crate::adjacency::Adjacency;
-use crate::tet_mesh::{Frame, TetMesh, surface_names, tags};
+use crate::joint::{Alone, Joint, any, first, flags, nearest};
+use crate::tet_mesh::{EDGES, Frame, TetMesh, surface_names, tags};
 use crate::vec3::{Vec3, distance, dot, norm, sub};
 use cardiotwin_units::Ms;
 use std::cmp::Reverse;
@@ -136,19 +138,34 @@ const SAME: f64 = 1e-13;
 /// # Errors
 /// [`EikonalError`].
 pub fn activation_ms(mesh: &TetMesh, conduction: &Conduction) -> Result<Vec<f64>, EikonalError> {
-    let front = Front::new(mesh, conduction)?;
+    activation_of_part(mesh, &Alone(mesh.n_nodes()), conduction)
+}
+
+/// [`activation_ms`] of the nodes of a part. Collective.
+///
+/// # Errors
+/// [`EikonalError`], the same on all parts, with numbers of the whole mesh.
+pub fn activation_of_part(
+    mesh: &TetMesh,
+    joint: &dyn Joint,
+    conduction: &Conduction,
+) -> Result<Vec<f64>, EikonalError> {
+    let front = Front::new(mesh, joint, conduction)?;
     let mut times = front.start()?;
     front.run(&mut times);
     let missed: Vec<usize> =
-        (0..mesh.n_nodes()).filter(|node| front.conducts[*node] && times[*node].is_infinite()).collect();
-    match missed.first() {
-        Some(node) => Err(EikonalError::Unreached { n: missed.len(), node: *node }),
+        (0..joint.n_owned()).filter(|node| front.conducts[*node] && times[*node].is_infinite()).collect();
+    let mut n = [missed.len() as f64];
+    joint.sum(&mut n);
+    match first(joint, missed.iter().map(|node| joint.node(*node)).min()) {
+        Some(node) => Err(EikonalError::Unreached { n: n[0] as usize, node: node as usize }),
         None => Ok(times),
     }
 }
 
 struct Front<'a> {
     mesh: &'a TetMesh,
+    joint: &'a dyn Joint,
     conduction: &'a Conduction,
     /// Nodes of conducting elements.
     conducts: Vec<bool>,
@@ -161,7 +178,7 @@ struct Front<'a> {
 }
 
 impl<'a> Front<'a> {
-    fn new(mesh: &'a TetMesh, conduction: &'a Conduction) -> Result<Self, EikonalError> {
+    fn new(mesh: &'a TetMesh, joint: &'a dyn Joint, conduction: &'a Conduction) -> Result<Self, EikonalError> {
         let Conduction { speeds, endocardial_speed, tags, sites } = conduction;
         if sites.is_empty() {
             return Err(EikonalError::NoSite);
@@ -173,18 +190,20 @@ impl<'a> Front<'a> {
             }
         }
         let tets: Vec<u32> = (0..mesh.n_tets()).filter(|e| tags.contains(&mesh.tags[*e])).map(|e| e as u32).collect();
-        if tets.is_empty() {
+        if !any(joint, !tets.is_empty()) {
             return Err(EikonalError::NoTissue { tags: tags.clone() });
         }
         let lacks = |e: &u32| mesh.frames.get(*e as usize).is_none_or(|frame| norm(frame.fibre) < 0.5);
-        if let Some(element) = tets.iter().find(|e| lacks(e)) {
-            return Err(EikonalError::NoFibre { element: *element as usize });
+        let bare = tets.iter().filter(|e| lacks(e)).map(|e| joint.element(*e as usize)).min();
+        if let Some(element) = first(joint, bare) {
+            return Err(EikonalError::NoFibre { element: element as usize });
         }
         let mut conducts = vec![false; mesh.n_nodes()];
         let corners: Vec<[u32; 4]> = tets.iter().map(|e| mesh.tets[*e as usize]).collect();
         for node in corners.iter().flatten() {
             conducts[*node as usize] = true;
         }
+        let conducts = flags(joint, &conducts);
         let mut triangles: Vec<[u32; 3]> = Vec::new();
         if endocardial_speed.is_some() {
             let endocardium = mesh.surface(surface_names::ENDOCARDIUM).map_or(&[][..], |s| &s.triangles);
@@ -197,7 +216,7 @@ impl<'a> Front<'a> {
             }
         }
         let around = Adjacency::node_to_tets(mesh.n_nodes(), &corners);
-        Ok(Self { mesh, conduction, conducts, tets, around, triangles, sheet_around })
+        Ok(Self { mesh, joint, conduction, conducts, tets, around, triangles, sheet_around })
     }
 
     /// Travel time of a displacement in the tissue of an element.
@@ -205,36 +224,75 @@ impl<'a> Front<'a> {
         norm(slowness(frame, &self.conduction.speeds, displacement))
     }
 
+    /// Mean length of the edges of all parts, mm.
+    fn mean_edge_mm(&self) -> f64 {
+        let own = (0..self.mesh.n_tets()).filter(|e| self.joint.speaks_for(*e));
+        let lengths: Vec<f64> = own
+            .flat_map(|e| {
+                let x = self.mesh.corners(e);
+                EDGES.map(|[i, j]| distance(x[i], x[j]))
+            })
+            .collect();
+        let mut sums = [lengths.iter().sum::<f64>(), lengths.len() as f64];
+        self.joint.sum(&mut sums);
+        sums[0] / sums[1].max(1.0)
+    }
+
+    /// The frame of an element of the whole mesh; all parts that hold it have the same.
+    fn frame_of(&self, element: u32) -> Frame {
+        let here = self.tets.iter().find(|e| self.joint.element(**e as usize) == element);
+        let mut axes = [f64::NEG_INFINITY; 9];
+        if let Some(Frame { fibre, sheet, normal }) = here.map(|e| &self.mesh.frames[*e as usize]) {
+            axes.copy_from_slice([*fibre, *sheet, *normal].as_flattened());
+        }
+        self.joint.max(&mut axes);
+        let [fibre, sheet, normal] = std::array::from_fn(|k| std::array::from_fn(|i| axes[3 * k + i]));
+        Frame { fibre, sheet, normal }
+    }
+
     /// Times at the sites, infinite elsewhere.
     fn start(&self) -> Result<Vec<f64>, EikonalError> {
+        let joint = self.joint;
         let mut times = vec![f64::INFINITY; self.mesh.n_nodes()];
-        let most_mm = FAR_EDGES * self.mesh.mean_edge_mm();
+        let most_mm = FAR_EDGES * self.mean_edge_mm();
         for (i, site) in self.conduction.sites.iter().enumerate() {
             let away = |node: usize| distance(self.mesh.nodes_mm[node], site.at_mm);
-            let nodes = || (0..self.mesh.n_nodes()).filter(|node| self.conducts[*node]);
-            let nearest = nodes().min_by(|a, b| away(*a).total_cmp(&away(*b))).unwrap_or(0);
-            let away_mm = away(nearest);
+            let own = (0..joint.n_owned()).filter(|node| self.conducts[*node]);
+            let (away_mm, nearest_node) = nearest(joint, own.map(|node| (away(node), joint.node(node))));
             if away_mm.is_nan() || away_mm > most_mm.max(site.radius_mm) {
                 return Err(EikonalError::FarSite { site: i, away_mm, most_mm });
             }
-            let off = |e: &u32| distance(self.mesh.centroid_mm(*e as usize), site.at_mm);
-            let element = self.tets.iter().min_by(|a, b| off(a).total_cmp(&off(b))).copied().unwrap_or(0);
-            let frame = &self.mesh.frames[element as usize];
-            for node in nodes().filter(|node| *node == nearest || away(*node) <= site.radius_mm) {
-                let time = site.time.0 + self.travel_ms(frame, sub(self.mesh.nodes_mm[node], site.at_mm));
+            let off = |e: usize| distance(self.mesh.centroid_mm(e), site.at_mm);
+            let tets = self.tets.iter().map(|e| *e as usize);
+            let (_, element) = nearest(joint, tets.map(|e| (off(e), joint.element(e))));
+            let frame = self.frame_of(element.unwrap_or(0));
+            let chosen = |node: &usize| Some(joint.node(*node)) == nearest_node || away(*node) <= site.radius_mm;
+            for node in (0..self.mesh.n_nodes()).filter(|node| self.conducts[*node]).filter(chosen) {
+                let time = site.time.0 + self.travel_ms(&frame, sub(self.mesh.nodes_mm[node], site.at_mm));
                 times[node] = times[node].min(time);
             }
         }
         Ok(times)
     }
 
+    /// Until no part has news.
     fn run(&self, times: &mut [f64]) {
-        let mut waiting: BinaryHeap<Reverse<(Time, u32)>> = times
-            .iter()
-            .enumerate()
-            .filter(|(_, time)| time.is_finite())
-            .map(|(node, time)| Reverse((Time(*time), node as u32)))
-            .collect();
+        let n_owned = self.joint.n_owned();
+        let mut news: Vec<u32> = (0..times.len()).filter(|node| times[*node].is_finite()).map(|n| n as u32).collect();
+        while any(self.joint, !news.is_empty()) {
+            self.settle(times, &news);
+            let before = times[n_owned..].to_vec();
+            self.joint.update(times);
+            let ghosts = times[n_owned..].iter().zip(&before).enumerate();
+            news = ghosts.filter(|(_, (now, before))| now < before).map(|(k, _)| (n_owned + k) as u32).collect();
+        }
+    }
+
+    /// Carries the times of `news` on to own nodes.
+    fn settle(&self, times: &mut [f64], news: &[u32]) {
+        let n_owned = self.joint.n_owned();
+        let mut waiting: BinaryHeap<Reverse<(Time, u32)>> =
+            news.iter().map(|node| Reverse((Time(times[*node as usize]), *node))).collect();
         while let Some(Reverse((Time(time), node))) = waiting.pop() {
             if time > times[node as usize] {
                 continue; // it has become earlier since
@@ -249,7 +307,7 @@ impl<'a> Front<'a> {
             for i in self.around.row(node as usize) {
                 let e = self.tets[*i as usize] as usize;
                 let tet = self.mesh.tets[e];
-                for k in (0..4).filter(|k| tet[*k] != node) {
+                for k in (0..4).filter(|k| tet[*k] != node && (tet[*k] as usize) < n_owned) {
                     let arrival = self.arrival_in_tet(e, k, times);
                     better(tet[k], arrival, times);
                 }
@@ -257,7 +315,7 @@ impl<'a> Front<'a> {
             if let Some(sheet) = self.sheet_around.get(node as usize) {
                 for i in sheet {
                     let triangle = self.triangles[*i as usize];
-                    for k in (0..3).filter(|k| triangle[*k] != node) {
+                    for k in (0..3).filter(|k| triangle[*k] != node && (triangle[*k] as usize) < n_owned) {
                         let arrival = self.arrival_in_sheet(triangle, k, times);
                         better(triangle[k], arrival, times);
                     }

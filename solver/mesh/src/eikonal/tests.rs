@@ -71,7 +71,8 @@ fn a_plane_wave_is_exact() {
     }
     let site = Site { at_mm: [0.0; 3], radius_mm: 0.0, time: Ms(0.0) };
     let conduction = conduction(vec![site]);
-    let front = Front::new(&mesh, &conduction).unwrap();
+    let alone = Alone(mesh.n_nodes());
+    let front = Front::new(&mesh, &alone, &conduction).unwrap();
     front.run(&mut front_times);
     for (x, t) in mesh.nodes_mm.iter().zip(&front_times) {
         assert!((t - x[0] / speed).abs() < 1e-10, "{x:?}: {t}, exactly {}", x[0] / speed);

@@ -4,14 +4,16 @@
 
 use std::collections::BTreeMap;
 use std::ops::ControlFlow;
+use std::sync::OnceLock;
 use std::time::Instant;
 
 use cardiotwin_mechanics::organ::{
     Anatomy, FoundState, PassiveFit, PassiveJob, PassiveStateError, Search, SearchProgress, UnloadingSettings,
 };
-use cardiotwin_mesh::eikonal::{Conduction, Speeds, activation_ms};
+use cardiotwin_mechanics::tissue::TissueJob;
+use cardiotwin_mesh::eikonal::{Conduction, Speeds};
 use cardiotwin_mesh::ellipsoid::{EllipsoidSpec, generate};
-use cardiotwin_mesh::fibres::{Angles, Longitudinal, fields, frames};
+use cardiotwin_mesh::fibres::Angles;
 use cardiotwin_mesh::order::Renumbering;
 use cardiotwin_mesh::quality::Quality;
 use cardiotwin_mesh::tags;
@@ -30,7 +32,7 @@ use crate::context::Context;
 use crate::error::TaskError;
 use crate::finite_element::passive::{Workers, found};
 use crate::finite_element::stored::About;
-use crate::finite_element::{FiniteElementError, StoredVentricle, wall};
+use crate::finite_element::{FiniteElementError, StoredVentricle, tissue, wall};
 
 /// Nodes of the mesh on which a large mesh's law is searched for, which has more than four times as many; the next has eight
 /// times as many.
@@ -125,6 +127,7 @@ fn mesh(
     own: Option<Taken>,
     n_nodes: u32,
     (image_ml, wall_ml): (f64, f64),
+    workers: Workers<'_>,
     seconds: &mut [f64; 3],
 ) -> Result<(TetMesh, Vec<f64>), FiniteElementError> {
     let begun = Instant::now();
@@ -137,36 +140,29 @@ fn mesh(
         }
     };
     let meshed = begun.elapsed().as_secs_f64();
-    let muscle = [tags::LEFT_VENTRICLE];
-    if mesh.frames.is_empty() {
-        let found = fields(&mesh, &muscle, Longitudinal::FromBase)?;
-        let f = &anatomy.fibres;
-        let angles = Angles {
-            alpha_endo_deg: f.alpha_endo_deg,
-            alpha_epi_deg: f.alpha_epi_deg,
-            beta_endo_deg: f.beta_endo_deg,
-            beta_epi_deg: f.beta_epi_deg,
-        };
-        mesh.frames = frames(&mesh, &muscle, &found, &angles);
+    let muscle = vec![tags::LEFT_VENTRICLE];
+    let f = &anatomy.fibres;
+    let fibres = mesh.frames.is_empty().then_some(Angles {
+        alpha_endo_deg: f.alpha_endo_deg,
+        alpha_epi_deg: f.alpha_epi_deg,
+        beta_endo_deg: f.beta_endo_deg,
+        beta_epi_deg: f.beta_epi_deg,
+    });
+    let speeds = &anatomy.conduction;
+    let conduction = times_ms.is_none().then(|| Conduction {
+        speeds: Speeds { fibre: speeds.along_m_per_s, sheet: speeds.across_m_per_s, normal: speeds.across_m_per_s },
+        endocardial_speed: (speeds.endocardium_m_per_s > 0.0).then_some(speeds.endocardium_m_per_s),
+        tags: muscle.clone(),
+        sites,
+    });
+    let job = TissueJob { muscle, fibres, conduction };
+    let fibres_done = OnceLock::new();
+    let made = tissue::found(&job, &mesh, workers, &|| _ = fibres_done.set(begun.elapsed().as_secs_f64()))?;
+    if job.fibres.is_some() {
+        mesh.frames = made.frames;
     }
-    let fibred = begun.elapsed().as_secs_f64();
-    let times = match times_ms {
-        Some(times) => from_the_first(times),
-        None => {
-            let speeds = &anatomy.conduction;
-            let conduction = Conduction {
-                speeds: Speeds {
-                    fibre: speeds.along_m_per_s,
-                    sheet: speeds.across_m_per_s,
-                    normal: speeds.across_m_per_s,
-                },
-                endocardial_speed: (speeds.endocardium_m_per_s > 0.0).then_some(speeds.endocardium_m_per_s),
-                tags: muscle.to_vec(),
-                sites,
-            };
-            activation_ms(&mesh, &conduction)?
-        }
-    };
+    let times = times_ms.map_or(made.activation_ms, from_the_first);
+    let fibred = fibres_done.into_inner().unwrap_or(meshed);
     let activated = begun.elapsed().as_secs_f64();
     for (sum, own) in seconds.iter_mut().zip([meshed, fibred - meshed, activated - fibred]) {
         *sum += own;
@@ -200,7 +196,7 @@ fn searched(
     context: &mut Context,
 ) -> Result<FoundState, TaskError> {
     let team = context.team.clone();
-    let workers = team.as_ref().map_or(Workers::Threads(context.threads.max(1) as usize), Workers::Team);
+    let workers = Workers::of(team.as_ref(), context.threads);
     let mut watch = |p: &SearchProgress| {
         context.progress.report("unloading", p.newton_iterations as f64, None, || {
             format!(
@@ -264,7 +260,8 @@ fn build(
         context.check_stop()?;
         context.progress.report("mesh", 0.0, None, || format!("about {n_nodes} nodes"));
         let taken = if n_nodes == last { own.take() } else { None };
-        let (mesh, times) = mesh(spec, taken, n_nodes, (target.image_ml, wall_ml), &mut seconds)?;
+        let workers = Workers::of(context.team.as_ref(), context.threads);
+        let (mesh, times) = mesh(spec, taken, n_nodes, (target.image_ml, wall_ml), workers, &mut seconds)?;
         let anatomy = Anatomy::of(&mesh, &[tags::LEFT_VENTRICLE], wall::element(spec.element))
             .map_err(FiniteElementError::from)?;
         let degrees_of_freedom = 3 * anatomy.nodes.len();
