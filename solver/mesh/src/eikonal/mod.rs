@@ -3,8 +3,8 @@
 //! On each element the arrival at a corner is the least over the opposite face of arrival there plus travel time with
 //! the element's own speeds; linear fields, that is plane waves, are exact. Corners are visited in the order of their
 //! times, and once more where a later visit makes them earlier, until nothing changes: the result is the fixed point,
-//! whatever the numbering. On parts of a mesh each settles its own nodes, gets those of its neighbours, and settles again, until
-//! no part has news.
+//! whatever the numbering. On parts of a mesh each settles its own nodes up to a time, gets those of its
+//! neighbours, and goes on, until no part has news.
 //!
 //! Sources: Fu, Kirby, Whitaker 2013, "Fast iterative method for the eikonal equation on tetrahedral domains", SIAM J. Sci.
 //! Comput. 35, C473, for the update; SPEC of the model in `docs/models.md`.
@@ -275,25 +275,33 @@ impl<'a> Front<'a> {
         Ok(times)
     }
 
-    /// Until no part has news.
+    /// Until no part has news. Parts go on together, a window of time after the other: what one knows of the other's side is
+    /// late by no more, and little is done twice.
     fn run(&self, times: &mut [f64]) {
         let n_owned = self.joint.n_owned();
-        let mut news: Vec<u32> = (0..times.len()).filter(|node| times[*node].is_finite()).map(|n| n as u32).collect();
-        while any(self.joint, !news.is_empty()) {
-            self.settle(times, &news);
+        let window_ms = self.mean_edge_mm() / self.conduction.speeds.fibre;
+        let entry = |node: usize, times: &[f64]| Reverse((Time(times[node]), node as u32));
+        let reached = (0..times.len()).filter(|node| times[*node].is_finite());
+        let mut waiting: BinaryHeap<_> = reached.map(|node| entry(node, times)).collect();
+        loop {
+            let mut earliest = [waiting.peek().map_or(f64::NEG_INFINITY, |Reverse((Time(time), _))| -time)];
+            self.joint.max(&mut earliest);
+            if earliest[0] == f64::NEG_INFINITY {
+                return;
+            }
+            self.settle(times, &mut waiting, window_ms - earliest[0]);
             let before = times[n_owned..].to_vec();
             self.joint.update(times);
-            let ghosts = times[n_owned..].iter().zip(&before).enumerate();
-            news = ghosts.filter(|(_, (now, before))| now < before).map(|(k, _)| (n_owned + k) as u32).collect();
+            let news = (n_owned..times.len()).filter(|node| times[*node] < before[*node - n_owned]);
+            waiting.extend(news.map(|node| entry(node, times)));
         }
     }
 
-    /// Carries the times of `news` on to own nodes.
-    fn settle(&self, times: &mut [f64], news: &[u32]) {
+    /// Carries times up to `end_ms` on to own nodes.
+    fn settle(&self, times: &mut [f64], waiting: &mut BinaryHeap<Reverse<(Time, u32)>>, end_ms: f64) {
         let n_owned = self.joint.n_owned();
-        let mut waiting: BinaryHeap<Reverse<(Time, u32)>> =
-            news.iter().map(|node| Reverse((Time(times[*node as usize]), *node))).collect();
-        while let Some(Reverse((Time(time), node))) = waiting.pop() {
+        while waiting.peek().is_some_and(|Reverse((Time(time), _))| *time <= end_ms) {
+            let Some(Reverse((Time(time), node))) = waiting.pop() else { break };
             if time > times[node as usize] {
                 continue; // it has become earlier since
             }
