@@ -15,6 +15,7 @@ pub fn all() -> Vec<(&'static str, Schema)> {
         ("heart.schema.json", schema_for!(crate::heart::HeartSurface)),
         ("progress.schema.json", schema_for!(crate::progress::Progress)),
         ("claim.schema.json", schema_for!(crate::progress::Claim)),
+        ("notice.schema.json", schema_for!(crate::notices::Notice)),
         ("status.schema.json", schema_for!(crate::status::Status)),
         ("sweep.schema.json", schema_for!(crate::sweep::SweepFile)),
         ("sensitivity.schema.json", schema_for!(crate::sensitivity::SensitivityRecord)),

@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::external::ExternalSettings;
 use crate::finite_element::FiniteElementSettings;
+use crate::notices::NoticeSettings;
 use crate::organ::{RICE_PARAMETERS, TanhParameters, ValveParameters};
 
 /// All settings.
@@ -429,6 +430,16 @@ pub struct ExecutorSettings {
     pub vtu_every_ms: f64,
     /// A worker that writes no progress and does not end for so long is taken for hung and killed; 0 is never.
     pub hang_timeout_s: f64,
+    /// Mask of permissions that new files of a run do not get, octal: `0077` keeps them to their owner. Absent: what the shell
+    /// says, and nothing for others.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub umask: Option<String>,
+    /// Group of the run's folder and of all that is made in it; absent: as the file system has it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub group: Option<String>,
+    /// Who is told when a run is done, stalls, fails or runs out of room.
+    #[serde(skip_serializing_if = "NoticeSettings::is_default")]
+    pub notices: NoticeSettings,
     /// Jobs of a cluster, for `kind = "slurm"`.
     #[serde(skip_serializing_if = "SlurmSettings::is_default")]
     pub slurm: SlurmSettings,
@@ -498,6 +509,9 @@ impl Default for ExecutorSettings {
             site_retries: 2,
             vtu_every_ms: 0.0,
             hang_timeout_s: 0.0,
+            umask: None,
+            group: None,
+            notices: NoticeSettings::default(),
             slurm: SlurmSettings::default(),
         }
     }

@@ -11,6 +11,7 @@ mod failures;
 mod faults;
 mod figures;
 mod kills;
+mod privacy;
 mod sweeps;
 mod whole;
 
@@ -25,6 +26,7 @@ type Test = (&'static str, fn(&Cluster));
 
 const TESTS: &[Test] = &[
     ("a cohort is done after one wait in the queue", whole::a_cohort_is_done_after_one_wait_in_the_queue),
+    ("nothing but the pseudonym is seen", privacy::nothing_but_the_pseudonym_is_seen),
     ("a tick takes two commands", whole::a_tick_takes_two_commands),
     ("a cohort on another solver survives a killed worker", whole::a_cohort_on_another_solver_survives_a_killed_worker),
     ("a beat in 3D runs on MPI ranks of its job", whole::a_beat_in_3d_runs_on_mpi_ranks_of_its_job),

@@ -1,11 +1,13 @@
 //! The command line: arguments, tables, progress, exit codes. Data on stdout, talk on stderr; no SQL.
 
+mod access;
 mod answer;
 mod commands;
 mod error;
 mod event_log;
 mod exit;
 mod logging;
+mod notices;
 mod place;
 mod problems;
 mod progress;

@@ -5,6 +5,7 @@
 
 mod evidence;
 mod in_process;
+mod limited;
 mod local;
 mod process;
 pub mod slurm;
@@ -21,6 +22,7 @@ use cardiotwin_schemas::task::AttemptSpec;
 
 pub use evidence::{FENCE, SPEC, fence, outcome};
 pub use in_process::InProcess;
+pub use limited::{CommandEnd, run_limited};
 pub use local::{Launcher, Local};
 pub use process::{claim_of_this_process, lives_here, own_uid};
 

@@ -1,5 +1,7 @@
 //! Decisions on the mirror: which task a patient wants next, what an attempt's end means, what a request changes.
 
+use std::collections::HashSet;
+
 use cardiotwin_schemas::cohort::SettingsLayer;
 use cardiotwin_schemas::failure::FailureClass;
 use cardiotwin_schemas::ids::{AttemptId, PatientId, TaskKey};
@@ -39,6 +41,8 @@ pub struct Decider {
     pub published: u64,
     /// How many site failures of a task are forgiven.
     pub site_retries: u32,
+    /// Published tasks that were opened for files that were gone.
+    pub remade: HashSet<TaskKey>,
 }
 
 impl Decider {
@@ -114,9 +118,13 @@ impl Decider {
         if !world.patients[i].selected || matches!(world.patients[i].row.state, Patient::Cancelled { .. }) {
             return Ok(());
         }
-        let evaluation = {
+        let evaluation = loop {
             let patient = &world.patients[i];
-            workflow::evaluate(world.plan(i)?, &patient.carried, &|key| world.settled(key))
+            let evaluation = workflow::evaluate(world.plan(i)?, &patient.carried, &|key| world.settled(key));
+            // Each time round a published task is opened, so that it ends.
+            if !self.open_purged(world, i, &evaluation.next)? {
+                break evaluation;
+            }
         };
         let links: Vec<(Step, TaskKey)> = evaluation.chain.steps().map(|(step, key)| (step, key.clone())).collect();
         for (step, key) in links {

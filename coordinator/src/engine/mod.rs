@@ -41,8 +41,10 @@ mod error;
 mod events;
 mod housekeeping;
 mod leave;
+mod notices;
 mod overlay;
 mod programs;
+mod purged;
 mod requests;
 mod settings;
 mod show;
@@ -64,13 +66,14 @@ pub use crate::store::{
 };
 pub use crate::store::{back_up, try_locks};
 pub use cluster::{
-    ClusterBenchOptions, ClusterBenchResult, PlannedRow, PlannedRun, QueueReport, SiteReport, TickCost, examine_site,
-    measure as measure_cluster, preview,
+    ClusterBenchOptions, ClusterBenchResult, DiskNeed, PlannedRow, PlannedRun, QueueReport, SiteReport, TickCost,
+    examine_site, measure as measure_cluster, preview,
 };
 pub use driver::{DriverPlace, drive_here};
 pub use error::EngineError;
 pub use events::{EngineEvent, EventSender, PatientEnding, RunSummary};
 pub use housekeeping::{Archived, Class, Cleaned, DiskUsage, Usage, archive, clean, disk_usage};
+pub use notices::tell;
 pub use programs::first_line;
 pub use step2::contraction;
 pub use stop::{StopLevel, StopSignal};

@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 
 use cardiotwin_schemas::finite_element::FiniteElementSettings;
+use cardiotwin_schemas::notices::NoticeSettings;
 use cardiotwin_schemas::organ::CELL_PARAMETERS;
 use cardiotwin_schemas::settings::{
     CellFitSettings, STEP1_BIOMARKERS, STEP1_PARAMETERS, Settings, SolverSettings, Step1Settings,
@@ -40,11 +41,26 @@ pub fn complaints(settings: &Settings) -> Vec<Complaint> {
     let executor = &settings.executor;
     list.count("executor.threads", executor.threads, 0, 1024);
     list.count("executor.workers", executor.workers, 0, 4096);
+    list.notices(&executor.notices);
+    if let Some(umask) = executor.umask.as_ref().filter(|text| !is_mask(text)) {
+        let expected = "three or four octal digits, the owner's 0, such as \"0077\" or \"0027\"";
+        list.add(
+            "executor.umask",
+            umask.clone(),
+            expected,
+            "a mask that takes from the owner would stop the run itself",
+        );
+    }
     list.count("executor.site_retries", executor.site_retries, 0, 100);
     list.within("executor.vtu_every_ms", executor.vtu_every_ms, 0.0, 1e5);
     list.within("executor.hang_timeout_s", executor.hang_timeout_s, 0.0, 1e7);
     list.0.extend(external::complaints(settings));
     list.0
+}
+
+/// Octal, and the owner keeps everything.
+fn is_mask(text: &str) -> bool {
+    (3..=4).contains(&text.len()) && u32::from_str_radix(text, 8).is_ok_and(|mask| mask & 0o7700 == 0)
 }
 
 #[derive(Default)]
@@ -75,6 +91,29 @@ impl List {
     }
 
     /// `low ≤ value ≤ high`.
+    fn notices(&mut self, notices: &NoticeSettings) {
+        self.positive("executor.notices.time_limit_s", notices.time_limit_s, 3600.0);
+        self.within("executor.notices.least_free_GB", notices.least_free_gb, 0.0, 1e9);
+        for address in
+            notices.mail.iter().filter(|a| !a.contains('@') || a.contains(char::is_whitespace) || a.contains(','))
+        {
+            self.add(
+                "executor.notices.mail",
+                address.clone(),
+                "addresses, each as name@host",
+                "write each of them as a text of its own",
+            );
+        }
+        if !notices.mail.is_empty() && notices.sendmail.is_empty() {
+            self.add(
+                "executor.notices.sendmail",
+                "none",
+                "a program that sends mail",
+                "name it, or leave executor.notices.mail away",
+            );
+        }
+    }
+
     fn within(&mut self, key: &str, value: f64, low: f64, high: f64) {
         if !(low..=high).contains(&value) {
             self.add(key, value.to_string(), format!("a number from {low} to {high}"), "give a value in this range");

@@ -8,7 +8,8 @@
 //!   │     Cancelled, site failure within the budget                            │
 //!   └───────────────────────────── Retry ──────────────────────────────────────┘
 //! ```
-//! Only the current generation counts: an `Ended` of an older one changes nothing. A published task is never run again.
+//! Only the current generation counts: an `Ended` of an older one changes nothing. A published task is never run again, unless
+//! its files were purged and somebody needs them: `Purged` opens it for a further generation.
 
 use cardiotwin_schemas::failure::{Failure, FailureClass};
 use serde::{Deserialize, Serialize};
@@ -56,6 +57,8 @@ pub enum TaskEvent {
     Start,
     /// Command: a person asks for another try at a failed task.
     Retry,
+    /// Observation: files of the published attempt are gone, and a wanted task reads them.
+    Purged,
     /// Observation: an attempt ended.
     Ended {
         /// Which one.
@@ -112,6 +115,8 @@ impl Task {
                 Ok(Self::Attempting { generation: generation + 1, site_failures })
             }
             (Self::Failed { generation, .. }, TaskEvent::Retry) => Ok(Self::Open { generation, site_failures: 0 }),
+            (Self::Published { generation }, TaskEvent::Purged) => Ok(Self::Open { generation, site_failures: 0 }),
+            (state, TaskEvent::Purged) => Ok(state),
             (state, TaskEvent::Start) => Err(illegal(&state, "start")),
             (state, TaskEvent::Retry) => Err(illegal(&state, "retry")),
             (

@@ -16,12 +16,13 @@ use tokio::sync::Mutex;
 
 use super::before::{self, Was};
 use super::cluster_jobs::{self, Allotment, ClusterReport, JobRecord, REPORT};
+use super::notable::Notable;
 use super::open::{DATABASE_FILE, ReadOnly, VERSION};
 use super::patients::PatientRow;
 use super::record::{self, MemberRecord, Settled};
 use super::view::{self, AttemptRecord, EventRecord, StepExplanation};
 use super::writer::{parse, patient_row};
-use super::{StoreError, attempts, events, lease, lock, open, patients, steps, writer};
+use super::{StoreError, attempts, events, lease, lock, notable, open, patients, screen, steps, writer};
 use crate::clock;
 use crate::machine::chain::Chain;
 use crate::machine::patient::{Patient, Stage, Step};
@@ -53,27 +54,23 @@ impl Reader {
         Ok(Self { run_dir, database: Mutex::new(database) })
     }
 
-    /// One screen of the run, failures first.
+    /// The run, failures first, with every patient.
     ///
     /// # Errors
     /// The store's.
     pub async fn status(&self) -> Result<Status, StoreError> {
+        self.screen(usize::MAX).await
+    }
+
+    /// One screen of the run: all patients counted, the first `rows` of them shown, failures first.
+    ///
+    /// # Errors
+    /// The store's.
+    pub async fn screen(&self, rows: usize) -> Result<Status, StoreError> {
         let now_ms = clock::now_ms();
-        let mut patients: Vec<PatientStatus> =
-            self.active_patients().await?.into_iter().map(|row| status_of(row, now_ms)).collect();
-        // Failures first, then what needs an eye, then what is done; the cohort's order within.
-        patients.sort_by_key(|p| match p.state.as_str() {
-            "failed" => 0,
-            "unknown" => 1,
-            "running" => 2,
-            "waiting" => 3,
-            "cancelled" => 4,
-            _ => 5,
-        });
-        let mut counts = std::collections::BTreeMap::new();
-        for patient in &patients {
-            *counts.entry(patient.state.clone()).or_default() += 1;
-        }
+        let read = screen::read(&mut self.database.lock().await.connection, rows, now_ms).await;
+        let screen::Screen { counts, patients } =
+            read.map_err(|source| StoreError::from_sqlite(self.run_dir.join(DATABASE_FILE), "reading", source))?;
         Ok(Status {
             schema_version: SCHEMA_VERSION,
             cohort: self.meta("cohort").await?,
@@ -83,6 +80,17 @@ impl Reader {
             patients,
             cluster: self.cluster(now_ms).await?,
         })
+    }
+
+    /// What operators are told of.
+    ///
+    /// # Errors
+    /// The store's.
+    pub async fn notable(&self) -> Result<Notable, StoreError> {
+        let read = notable::read(&mut self.database.lock().await.connection).await;
+        let read =
+            read.map_err(|source| StoreError::from_sqlite(self.run_dir.join(DATABASE_FILE), "reading", source))?;
+        Ok(Notable { cohort: self.meta("cohort").await?, ..read })
     }
 
     /// Jobs on a cluster, where the run ever had any.

@@ -218,3 +218,54 @@ async fn a_run_can_be_read_where_nothing_can_be_written() {
         assert!(run.status.success() && said.contains("1 passed"), "killed: {killed}\n{said}");
     }
 }
+
+/// A run of format 1, as the first version left it: without the tables of clusters and without their migration.
+async fn run_of_format_1() -> tempfile::TempDir {
+    let dir = run_dir().await;
+    let sql = "DROP TABLE jobs; DROP TABLE allotments; DELETE FROM _sqlx_migrations WHERE version = 2; PRAGMA user_version = 1";
+    execute(dir.path(), sql).await.unwrap();
+    dir
+}
+
+async fn number(file: &Path, sql: &'static str) -> i64 {
+    let options = SqliteConnectOptions::new().filename(file).read_only(true);
+    let mut connection = SqliteConnection::connect_with(&options).await.unwrap();
+    sqlx::query_scalar(sql).fetch_one(&mut connection).await.unwrap()
+}
+
+#[tokio::test]
+async fn a_database_of_an_older_format_is_copied_before_it_is_brought_up_to_date() {
+    let dir = run_of_format_1().await;
+    let reading = Reader::open(dir.path()).await.err().expect("readers change nothing").to_string();
+    assert!(reading.contains("format 1"), "{reading}");
+    let mut writer = Writer::open(dir.path()).await.unwrap();
+    add(&mut writer, 3, 10).await.unwrap();
+    writer.close("none", 0).await.unwrap();
+    let (now, copy) = (dir.path().join(DATABASE_FILE), dir.path().join("cardiotwin.format-1.db"));
+    assert_eq!((number(&now, "PRAGMA user_version").await, number(&copy, "PRAGMA user_version").await), (2, 1));
+    let patients = "SELECT count(*) FROM patients";
+    assert_eq!((number(&now, patients).await, number(&copy, patients).await), (3, 2), "the copy is as it was before");
+    assert_eq!(number(&copy, "SELECT count(*) FROM sqlite_master WHERE name = 'jobs'").await, 0);
+    // The copy is a database that an older version goes on with.
+    let back = tempfile::tempdir().unwrap();
+    std::fs::copy(&copy, back.path().join(DATABASE_FILE)).unwrap();
+    drop(Writer::open(back.path()).await.unwrap());
+}
+
+#[tokio::test]
+async fn a_migration_that_fails_leaves_the_database_and_its_copy_as_they_were() {
+    let dir = run_of_format_1().await;
+    execute(dir.path(), "CREATE TABLE allotments (in_the_way INTEGER)").await.unwrap();
+    let error = Writer::open(dir.path()).await.expect_err("the table is in the way").to_string();
+    assert!(error.contains("allotments") || error.contains("up to date"), "{error}");
+    for file in [DATABASE_FILE, "cardiotwin.format-1.db"] {
+        let file = dir.path().join(file);
+        assert_eq!(number(&file, "PRAGMA user_version").await, 1, "{}", file.display());
+        assert_eq!(number(&file, "SELECT count(*) FROM patients").await, 2);
+        assert_eq!(
+            number(&file, "SELECT count(*) FROM sqlite_master WHERE name = 'jobs'").await,
+            0,
+            "nothing half done"
+        );
+    }
+}

@@ -102,7 +102,8 @@ fn slurm_text(result: &ClusterBenchResult) -> String {
         + &tick("tick, 1 in 100 failed", &result.failures)
         + &format!("{} samples, each a task\n", result.samples)
         + &format!("{:<26}{:9.1} µs a sample\n", "run in-process", result.us_per_sample)
-        + &format!("{:<26}{:9.1} ms\n", "status", result.status_ms)
+        + &format!("{:<26}{:9.1} ms\n", "status, one screen", result.status_ms)
+        + &format!("{:<26}{:9.1} ms\n", "status --json, all", result.status_json_ms)
         + &format!("{:<26}{:9.3} s\n", "restart", result.restart_s)
 }
 

@@ -79,6 +79,7 @@ fn table(plan: &PlannedRun, talk: &Talk) -> String {
         plan.node_hours,
         duration(plan.finish_after_s),
     ));
+    text.push_str(&format!("{}\n", plan.disk.words()));
     if plan.others > 0 {
         text.push_str(&format!(
             "{} over, in jobs already, or waiting for another's task\n",

@@ -12,13 +12,14 @@ use crate::cli::commands::report::FILE;
 use crate::cli::commands::status;
 use crate::cli::error::CliError;
 use crate::cli::exit::Exit;
+use crate::cli::notices::Notifier;
 use crate::cli::place::{Folders, Place};
 use crate::cli::progress::Watcher;
 use crate::cli::store::open;
 use crate::cli::table::{Columns, duration};
 use crate::cli::talk::{Talk, count};
 use crate::cli::vtu::announcement;
-use crate::cli::{problems, summary};
+use crate::cli::{access, problems, summary};
 use crate::discovery;
 use crate::engine::{self, EngineEvent, Reader, RunOptions, RunSummary, StopSignal, StoreError};
 use crate::input::{self, Cohort, Options, Report};
@@ -102,8 +103,10 @@ pub async fn execute(args: &RunArgs, talk: &Talk) -> Result<Exit, CliError> {
     };
     let stop =
         StopSignal::from_signals().map_err(|source| CliError::Io { what: "cannot listen to signals", source })?;
+    access::apply(&options.executor, &options.run_dir)?;
     let (events, received) = tokio::sync::mpsc::unbounded_channel();
-    let watcher = tokio::spawn(watch(received, folders.clone(), *talk));
+    let notifier = Notifier::start(&options.run_dir, &options.executor.notices, talk);
+    let watcher = tokio::spawn(watch(received, notifier, folders.clone(), *talk));
     let outcome = engine::run(options, events, stop).await;
     // The watcher ends when the engine has dropped its sender.
     let _ = watcher.await;
@@ -184,10 +187,16 @@ fn unknown_patient(id: &str, cohort: &Cohort) -> String {
 }
 
 /// Shows events, and each patient's result as soon as the patient is over.
-async fn watch(mut events: tokio::sync::mpsc::UnboundedReceiver<EngineEvent>, folders: Folders, talk: Talk) {
+async fn watch(
+    mut events: tokio::sync::mpsc::UnboundedReceiver<EngineEvent>,
+    notifier: Notifier,
+    folders: Folders,
+    talk: Talk,
+) {
     let mut watcher = Watcher::new(&talk, "patients");
     let mut last = None;
     while let Some(event) = events.recv().await {
+        notifier.on(&event);
         let mut instead = None;
         if let EngineEvent::PatientEnded { patient, over, of, .. } = &event {
             if over == of && *of <= LINES_WITH_RESULTS {
@@ -199,12 +208,14 @@ async fn watch(mut events: tokio::sync::mpsc::UnboundedReceiver<EngineEvent>, fo
         }
         watcher.on(&event, instead.as_deref());
     }
-    if let Some((patient, event)) = last {
-        let EngineEvent::PatientEnded { over, of, .. } = event else { return };
+    if let Some((patient, event)) = last
+        && let EngineEvent::PatientEnded { over, of, .. } = event
+    {
         let instead = result_line(&patient, (over, of), &folders).await;
         watcher.on(&event, instead.as_deref());
     }
     watcher.finish();
+    notifier.finish().await;
 }
 
 /// What a patient reached, where the cohort is so small that this does not drown the rest.

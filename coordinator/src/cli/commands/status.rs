@@ -47,7 +47,8 @@ pub async fn execute(args: &StatusArgs, talk: &Talk) -> Result<Exit, CliError> {
     let reader = open(&folders).await?;
     let member = member(&folders)?;
     loop {
-        let mut status = reader.status().await?;
+        let rows = if args.all || args.failed || args.json { usize::MAX } else { ROWS };
+        let mut status = reader.screen(rows).await?;
         if args.failed {
             status.patients.retain(|patient| patient.state == "failed");
         }
@@ -57,7 +58,6 @@ pub async fn execute(args: &StatusArgs, talk: &Talk) -> Result<Exit, CliError> {
             if args.watch && talk.colour_out {
                 talk.data("\x1b[H\x1b[2J")?;
             }
-            let rows = if args.all || args.failed { usize::MAX } else { ROWS };
             talk.data(&screen(&status, member, rows, talk))?;
             if let Some(hint) = hint(&status, &folders) {
                 talk.hint(&hint);
@@ -91,11 +91,10 @@ pub fn screen(status: &Status, member: &str, rows: usize, talk: &Talk) -> String
         table.toned(row(patient));
     }
     let mut text = table.text();
-    if status.patients.len() > rows {
-        text.push_str(&format!(
-            "… {} more; --all shows them, --failed the failed ones\n",
-            status.patients.len() - rows
-        ));
+    // The first rows may be all that was read: the counts tell of the rest.
+    let all = usize::try_from(status.counts.values().sum::<u64>()).unwrap_or(usize::MAX);
+    if all > rows {
+        text.push_str(&format!("… {} more; --all shows them, --failed the failed ones\n", all - rows));
     }
     let counts: Vec<String> =
         status.counts.iter().filter(|(_, n)| **n > 0).map(|(state, n)| format!("{n} {state}")).collect();

@@ -83,26 +83,35 @@ impl Expectations {
     /// What is left of a patient's chain.
     #[must_use]
     pub fn rest_s(&self, plan: &ResolvedPatient, chain: &Chain) -> f64 {
-        let task = |kind: &str| self.task_s(kind, plan);
-        let rest = match &plan.workflow {
-            Workflow::Noop { sleep_ms } => (3 - chain.noops.len().min(3)) as f64 * (*sleep_ms as f64 / 1000.0 + 0.1),
-            Workflow::Task { task: spec } => match spec.as_ref() {
+        let task = |kind: &str| match &plan.workflow {
+            Workflow::Noop { sleep_ms } => *sleep_ms as f64 / 1000.0 + 0.1,
+            Workflow::Task { task } if kind == "noop" => match task.as_ref() {
                 TaskSpec::Noop(noop) => noop.sleep_ms as f64 / 1000.0 + 0.1,
-                other => task(other.kind()),
+                _ => 0.1,
             },
-            Workflow::Personalise => {
-                let proposes = plan.settings.step1_update() == Update::SpaceMapping;
-                let iteration = task("organ-beat") + if proposes { task("step1-proposal") } else { 0.0 };
-                let iterations =
-                    if chain.step1.is_some() { 0 } else { ITERATIONS.saturating_sub(chain.iterations.len()).max(1) };
-                let left = |is_there: bool, kind: &str| if is_there { 0.0 } else { task(kind) };
-                left(chain.step0.is_some(), "passive-state")
-                    + iterations as f64 * iteration
-                    + left(chain.targets.is_some(), "targets")
-                    + left(chain.cell_fit.is_some(), "cell-fit")
-                    + left(chain.verification.is_some(), "organ-beat")
-            }
+            _ => self.task_s(kind, plan),
         };
-        rest.max(0.1)
+        rest(plan, chain).into_iter().map(|(kind, n)| n as f64 * task(kind)).sum::<f64>().max(0.1)
+    }
+}
+
+/// Tasks that are left of a patient's chain, by kind.
+#[must_use]
+pub fn rest(plan: &ResolvedPatient, chain: &Chain) -> Vec<(&'static str, usize)> {
+    match &plan.workflow {
+        Workflow::Noop { .. } => vec![("noop", 3 - chain.noops.len().min(3))],
+        Workflow::Task { task } => vec![(task.kind(), usize::from(chain.task.is_none()))],
+        Workflow::Personalise => {
+            let proposes = plan.settings.step1_update() == Update::SpaceMapping;
+            let iterations =
+                if chain.step1.is_some() { 0 } else { ITERATIONS.saturating_sub(chain.iterations.len()).max(1) };
+            vec![
+                ("passive-state", usize::from(chain.step0.is_none())),
+                ("organ-beat", iterations + usize::from(chain.verification.is_none())),
+                ("step1-proposal", if proposes { iterations } else { 0 }),
+                ("targets", usize::from(chain.targets.is_none())),
+                ("cell-fit", usize::from(chain.cell_fit.is_none())),
+            ]
+        }
     }
 }

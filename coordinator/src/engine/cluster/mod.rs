@@ -10,6 +10,7 @@
 
 mod bench;
 mod breaker;
+mod disk_need;
 mod examine;
 mod expect;
 mod follow;
@@ -18,6 +19,7 @@ mod observe;
 mod place;
 mod preview;
 mod profile;
+
 mod settle;
 mod submit;
 #[cfg(test)]
@@ -42,6 +44,7 @@ use crate::store::Writer;
 pub use crate::store::cluster_jobs::{ClusterReport, REPORT};
 
 pub use bench::{ClusterBenchOptions, ClusterBenchResult, TickCost, cluster as measure};
+pub use disk_need::DiskNeed;
 pub use examine::{QueueReport, SiteReport, examine_site};
 use expect::Expectations;
 pub use preview::{PlannedRow, PlannedRun, preview};

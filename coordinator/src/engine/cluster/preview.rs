@@ -8,6 +8,7 @@ use cardiotwin_slurm::plan::finish;
 use cardiotwin_slurm::site::Queue;
 use serde::Serialize;
 
+use super::disk_need::DiskNeed;
 use super::expect::Expectations;
 use super::place::{PlannedJob, in_use, plan_jobs, waiting};
 use super::profile::{discover_now, load_site};
@@ -39,6 +40,8 @@ pub struct PlannedRun {
     pub charge_unit: String,
     /// From the start of the first job to the end of the last, s, if the queue gave at once all that its limits allow.
     pub finish_after_s: f64,
+    /// What the attempts of all patients that are not over will take on the disk.
+    pub disk: DiskNeed,
 }
 
 /// A job that would be submitted.
@@ -95,6 +98,9 @@ pub async fn preview(options: &RunOptions, program: &Path) -> Result<PlannedRun,
         }
     };
     let patients = waiting(&world);
+    let open: Vec<usize> = (0..world.patients.len())
+        .filter(|i| world.patients[*i].selected && !world.patients[*i].row.state.is_final())
+        .collect();
     let expected = Expectations::of(&world, &options.executor);
     let used = |queue: &Queue| in_use(queue, &rows, 0);
     let jobs = plan_jobs(&world, &patients, &site, &options.executor, &expected, &used)?;
@@ -123,6 +129,7 @@ pub async fn preview(options: &RunOptions, program: &Path) -> Result<PlannedRun,
         charge: node_hours * site.charge_per_node_hour,
         charge_unit: site.charge_unit.clone(),
         finish_after_s,
+        disk: DiskNeed::of(&world, open.into_iter())?,
         jobs: planned,
         site: site.name,
     })

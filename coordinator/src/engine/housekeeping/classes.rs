@@ -120,7 +120,7 @@ pub fn of_run(file: &Path) -> Class {
     match first(file) {
         "slurm" => Class::Jobs,
         "models" | "results" | "tables" => Class::Report,
-        "lease" => Class::Record,
+        "lease" | "notices" => Class::Record,
         _ if name == "coordinator.lock" => Class::Record,
         _ if name.starts_with("cardiotwin.") => Class::Database,
         _ if name == "report.html" => Class::Report,

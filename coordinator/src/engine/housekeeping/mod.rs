@@ -1,6 +1,8 @@
 //! What a run's files take, what of them can go, and a copy of the rest elsewhere.
 
 pub mod classes;
+#[cfg(test)]
+mod tests;
 
 use std::collections::{BTreeMap, HashMap, HashSet};
 use std::fs;
@@ -8,6 +10,7 @@ use std::io::{self, Read as _};
 use std::path::{Path, PathBuf};
 
 use cardiotwin_schemas::hash::hex;
+use cardiotwin_schemas::ids::AttemptId;
 use cardiotwin_schemas::outcome::TaskOutcome;
 use serde::Serialize;
 use sha2::{Digest as _, Sha256};
@@ -15,7 +18,7 @@ use sha2::{Digest as _, Sha256};
 pub use classes::Class;
 use classes::Standing;
 
-use super::world::World;
+use super::world::{World, attempt_directory};
 use super::{EngineError, enter};
 use crate::clock;
 use crate::machine::task::Task;
@@ -85,6 +88,8 @@ struct Books {
     settled: HashMap<String, bool>,
     /// Directories of attempts that are not over.
     in_use: HashSet<PathBuf>,
+    /// Files of results, by the directories of the attempts that published: their own records may have been purged.
+    results: HashMap<PathBuf, HashSet<String>>,
 }
 
 impl Books {
@@ -94,8 +99,15 @@ impl Books {
             .tasks
             .iter()
             .map(|(key, task)| (key.as_str()[..16].to_owned(), matches!(task.state, Task::Published { .. })));
+        let results = world.tasks.iter().filter_map(|(key, task)| {
+            let Task::Published { generation } = task.state else { return None };
+            let attempt = AttemptId { task: key.clone(), generation };
+            let files = task.outcome()?.artefacts.iter().map(|artefact| artefact.file.clone());
+            Some((PathBuf::from(attempt_directory(&attempt)), files.collect()))
+        });
         let in_use = world.attempts.values().filter(|attempt| !attempt.state.is_final());
         Ok(Self {
+            results: results.collect(),
             settled: settled.collect(),
             in_use: in_use.map(|attempt| PathBuf::from(&attempt.directory)).collect(),
         })
@@ -145,7 +157,11 @@ fn entries(run_dir: &Path, books: &Books) -> Result<Vec<Entry>, EngineError> {
         let inside = file.strip_prefix(&attempt).unwrap_or(Path::new("")).to_owned();
         let is_of_attempt = file.starts_with("attempts") && !inside.as_os_str().is_empty();
         let (class, standing) = if is_of_attempt {
-            let named = artefacts.entry(attempt.clone()).or_insert_with(|| artefacts_of(&run_dir.join(&attempt)));
+            let named = artefacts.entry(attempt.clone()).or_insert_with(|| {
+                let mut named = artefacts_of(&run_dir.join(&attempt));
+                named.extend(books.results.get(&attempt).into_iter().flatten().cloned());
+                named
+            });
             (classes::of_attempt(&inside, named), books.standing(&attempt))
         } else {
             (classes::of_run(&file), Standing::Foreign)

@@ -49,6 +49,21 @@ impl Bench {
         change(&mut self.script.lock().unwrap());
     }
 
+    /// Attempts leave files from now on.
+    pub(super) fn leaves_files(&self) {
+        self.script(|s| s.leaves_files = true);
+    }
+
+    /// So many attempts are lost, and simulations with a larger peak stress diverge.
+    pub(super) fn may_fail(&self, lost: u32, diverges_above_kpa: Option<f64>) {
+        self.script(|s| (s.lost_attempts, s.diverges_above_kpa) = (lost, diverges_above_kpa));
+    }
+
+    /// Tasks of this kind are told that their input is wrong.
+    pub(super) fn refuses(&self, kind: Option<&'static str>) {
+        self.script(|s| s.refuses = kind);
+    }
+
     /// Runs, and tells what was submitted.
     pub(super) async fn run(&self) -> (RunSummary, Vec<&'static str>) {
         let (events, _) = tokio::sync::mpsc::unbounded_channel();

@@ -8,6 +8,7 @@ use cardiotwin_schemas::SCHEMA_VERSION;
 use cardiotwin_schemas::biomarkers::{Biomarkers, CellBiomarkers};
 use cardiotwin_schemas::failure::{Failure, FailureClass};
 use cardiotwin_schemas::finite_element::{FiniteElementOrgan, VentricleFigures};
+use cardiotwin_schemas::hash::sha256_hex;
 use cardiotwin_schemas::ids::{AttemptId, ExternalId};
 use cardiotwin_schemas::organ::{
     ActivationSpec, CirculationSpec, ContractionSpec, OneFibrePassive, OrganSpec, Step1Parameters, WindkesselParameters,
@@ -38,6 +39,10 @@ pub struct Script {
     pub threads_and_others: Vec<(u32, usize)>,
     /// Never answers tasks of this kind.
     pub silent_on: Option<&'static str>,
+    /// Attempts leave what a worker leaves: records, results, series, and the scratch of one that is lost.
+    pub leaves_files: bool,
+    /// Tasks of this kind are told that their input is wrong.
+    pub refuses: Option<&'static str>,
     /// Step 0 makes a finite-element ventricle of so many nodes.
     pub nodes: Option<u64>,
 }
@@ -160,6 +165,9 @@ fn fitted(name: &str, value: f64, lower: f64, upper: f64) -> FittedParameter {
 
 impl Script {
     pub fn ending(&self, task: &TaskSpec) -> Ending {
+        if self.refuses == Some(task.kind()) {
+            return Ending::Failed { failure: Failure::new(FailureClass::Input, "refused as the test asks") };
+        }
         let result = match task {
             TaskSpec::PassiveState(spec) => {
                 let mut state = passive_state(spec.end_diastolic_pressure_mmhg.unwrap_or(8.0));
@@ -237,6 +245,16 @@ impl Script {
     }
 }
 
+/// Files of an attempt, and the records that every one has.
+fn leave(order: &Order, files: &[(&str, &str)]) {
+    let spec = serde_json::to_string(&order.spec).unwrap();
+    for (name, text) in [("spec.json", &*spec), ("started.json", "{}"), ("stderr.log", "said")].iter().chain(files) {
+        let path = order.directory.join(name);
+        std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+        std::fs::write(path, text).unwrap();
+    }
+}
+
 impl Executor for Scripted {
     fn kind(&self) -> &'static str {
         "scripted"
@@ -257,10 +275,14 @@ impl Executor for Scripted {
         }
         let evidence = if script.lost_attempts > 0 {
             script.lost_attempts -= 1;
+            if script.leaves_files {
+                leave(&order, &[("nodal.csv.part", "half"), ("checkpoint/state.bin", "half way")]);
+            }
             Evidence::Nothing { class: FailureClass::Site, reason: "the worker was killed by signal 9".into() }
         } else {
-            let nodal =
-                Artefact { name: "nodal".into(), file: "nodal.csv".into(), sha256: attempt.task.to_string(), bytes: 1 };
+            let traces = format!("traces of {}", attempt.task);
+            let sha256 = if script.leaves_files { sha256_hex(traces.as_bytes()) } else { attempt.task.to_string() };
+            let nodal = Artefact { name: "nodal".into(), file: "nodal.csv".into(), sha256, bytes: 1 };
             let outcome = TaskOutcome {
                 schema_version: SCHEMA_VERSION,
                 attempt: attempt.clone(),
@@ -269,6 +291,15 @@ impl Executor for Scripted {
                 provenance: Provenance::default(),
             };
             let text = serde_json::to_string(&outcome).unwrap();
+            // A published file is there: what is not, is taken for purged and made again.
+            let directory = &order.directory;
+            std::fs::create_dir_all(directory).unwrap();
+            std::fs::write(directory.join("nodal.csv"), &traces).unwrap();
+            if script.leaves_files {
+                let own = [("nodal.csv", &*traces), ("outcome.json", &text), ("vtu/beat.pvd", "<VTKFile/>")];
+                leave(&order, &own);
+                leave(&order, &[("checkpoint/state.bin", "the end")]);
+            }
             Evidence::Outcome { outcome: Box::new(outcome), text }
         };
         self.ended.push_back(News::Ended { attempt, evidence, claim: None });

@@ -2,6 +2,7 @@
 
 use cardiotwin_schemas::ids::PatientId;
 
+use crate::cli::access;
 use crate::cli::error::CliError;
 use crate::cli::progress::Watcher;
 use crate::cli::talk::Talk;
@@ -14,6 +15,7 @@ use crate::engine::{self, EngineEvent, RunOptions, RunSummary, StopSignal};
 /// # Errors
 /// The engine's.
 pub async fn drive(options: RunOptions, members: &'static str, talk: &Talk) -> Result<RunSummary, CliError> {
+    access::apply(&options.executor, &options.run_dir)?;
     take_up_cancelled(&options, members, talk).await?;
     let stop =
         StopSignal::from_signals().map_err(|source| CliError::Io { what: "cannot listen to signals", source })?;

@@ -1,0 +1,173 @@
+//! Notices: a command of the operator's and mail when a run is done, a patient fails or stalls, or the disk fills up.
+//!
+//! What there is to tell is derived from the database, not from what a process heard: a coordinator that was killed before it told
+//! something is followed by one that does. Each event has a name of its own and a folder with it in `notices/` of the run:
+//!
+//! ```text
+//!  event.json       what happened: durable before anything is started
+//!  begun-COMMAND    created exclusively just before the command starts, so that it is never started twice
+//!  ended-COMMAND    how it ended
+//! ```
+//! So each is started once: `kill -9` between the second and the third leaves no second try. Nothing that happens here changes
+//! the run: what fails is said and noted beside the event.
+
+use std::fs::{self, File};
+use std::io::{self, Write as _};
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use cardiotwin_schemas::SCHEMA_VERSION;
+use cardiotwin_schemas::notices::{Notice, NoticeKind, NoticeSettings};
+
+use super::EngineError;
+use crate::clock;
+use crate::dispatch::{CommandEnd, run_limited};
+use crate::store::{Notable, Reader};
+
+const FOLDER: &str = "notices";
+
+/// Tells what has not been told; what went wrong in telling, a line each.
+///
+/// # Errors
+/// The store's, and folders that cannot be written: for a person, who goes on without notices.
+pub async fn tell(run_dir: &Path, settings: &NoticeSettings) -> Result<Vec<String>, EngineError> {
+    if settings.is_silent() {
+        return Ok(Vec::new());
+    }
+    let reader = Reader::open(run_dir).await?;
+    let notable = reader.notable().await?;
+    let free_bytes = rustix::fs::statvfs(run_dir).ok().map(|told| told.f_bavail * told.f_frsize);
+    let mut said = Vec::new();
+    for (name, notice) in events(&notable, settings, free_bytes) {
+        let folder = reader.run_dir().join(FOLDER).join(&name);
+        said.extend(tell_one(&folder, &notice, settings).await?);
+    }
+    Ok(said)
+}
+
+/// What there is to tell, each under a name that is the same whenever it is derived.
+fn events(notable: &Notable, settings: &NoticeSettings, free_bytes: Option<u64>) -> Vec<(String, Notice)> {
+    let at = clock::utc_text(clock::now_ms());
+    let base = |kind| Notice {
+        schema_version: SCHEMA_VERSION,
+        event: kind,
+        cohort: notable.cohort.clone(),
+        at: at.clone(),
+        patient: None,
+        step: None,
+        class: None,
+        counts: notable.counts.clone(),
+        free_bytes: None,
+    };
+    let mut events = Vec::new();
+    for patient in &notable.patients {
+        let kind = if patient.failed { NoticeKind::Failed } else { NoticeKind::Stalled };
+        let notice = Notice {
+            patient: Some(patient.patient.clone()),
+            step: Some(patient.step.clone()),
+            class: patient.class,
+            ..base(kind)
+        };
+        events.push((format!("{}-{}-{}", kind.as_str(), patient.patient, patient.mark), notice));
+    }
+    if let Some(mark) = notable.over_since_ms {
+        events.push((format!("done-{mark}"), base(NoticeKind::Done)));
+    }
+    let least = settings.least_free_gb * 1e9;
+    if let Some(free) = free_bytes.filter(|free| (*free as f64) < least) {
+        // Once a day, as long as it lasts.
+        let day = at.get(..10).unwrap_or_default();
+        events.push((format!("quota-low-{day}"), Notice { free_bytes: Some(free), ..base(NoticeKind::QuotaLow) }));
+    }
+    events.retain(|(_, notice)| settings.events.contains(&notice.event));
+    events
+}
+
+async fn tell_one(folder: &Path, notice: &Notice, settings: &NoticeSettings) -> Result<Vec<String>, EngineError> {
+    let mut said = Vec::new();
+    if settings.commands().iter().all(|(name, _)| folder.join(format!("begun-{name}")).exists()) {
+        return Ok(said);
+    }
+    fs::create_dir_all(folder).map_err(file("make", folder))?;
+    let json = serde_json::to_string_pretty(notice).expect("a notice is JSON");
+    write_synced(&folder.join("event.json"), &json)?;
+    let limit = Duration::from_secs_f64(settings.time_limit_s);
+    for (name, command) in settings.commands() {
+        if !claim(&folder.join(format!("begun-{name}")))? {
+            continue;
+        }
+        let input = if name == "mail" { mail(notice, &settings.mail) } else { json.clone() };
+        let how = match run_limited(&command, &input, limit).await {
+            CommandEnd::Code(0) => "ended well".to_owned(),
+            CommandEnd::Code(code) => format!("ended with {code}"),
+            CommandEnd::Signal => "was killed".to_owned(),
+            CommandEnd::TimedOut => format!("was killed after {} s", settings.time_limit_s),
+            CommandEnd::NotStarted(why) => format!("could not be started: {why}"),
+        };
+        write_synced(&folder.join(format!("ended-{name}")), &how)?;
+        if how != "ended well" {
+            let event = folder.file_name().unwrap_or_default().to_string_lossy().into_owned();
+            said.push(format!("notice {event}: {} {how}; the run goes on", command.join(" ")));
+        }
+    }
+    Ok(said)
+}
+
+/// A message for sendmail: pseudonyms, steps and classes, nothing of data or paths.
+fn mail(notice: &Notice, to: &[String]) -> String {
+    let who = notice.patient.as_ref().map(|patient| format!(" {patient}")).unwrap_or_default();
+    let mut lines = vec![
+        format!("To: {}", to.join(", ")),
+        format!("Subject: cardiotwin {}: {}{who}", notice.cohort, notice.event.as_str()),
+        "Auto-Submitted: auto-generated".to_owned(),
+        "Content-Type: text/plain; charset=utf-8".to_owned(),
+        String::new(),
+        format!("{} at {}", notice.event.meaning(), notice.at),
+    ];
+    lines.extend(notice.patient.iter().map(|patient| format!("patient: {patient}")));
+    lines.extend(notice.step.iter().map(|step| format!("step: {step}")));
+    lines.extend(notice.class.iter().map(|class| format!("class: {}", class.as_str())));
+    lines.extend(notice.free_bytes.map(|free| format!("free: {:.1} GB", 1e-9 * free as f64)));
+    let counts: Vec<String> = notice.counts.iter().map(|(state, n)| format!("{n} {state}")).collect();
+    lines.push(format!("patients: {}", counts.join(", ")));
+    lines.push("`cardiotwin status` tells more.".to_owned());
+    // Names come from files: none may add a header.
+    let plain = |line: &String| line.chars().map(|c| if c.is_control() { ' ' } else { c }).collect::<String>();
+    lines.iter().map(plain).collect::<Vec<_>>().join("\n") + "\n"
+}
+
+/// Whether this process is the first: a name is created once.
+fn claim(path: &Path) -> Result<bool, EngineError> {
+    match File::options().write(true).create_new(true).open(path) {
+        Ok(claim) => {
+            claim.sync_all().map_err(file("write", path))?;
+            sync_folder(path);
+            Ok(true)
+        }
+        Err(error) if error.kind() == io::ErrorKind::AlreadyExists => Ok(false),
+        Err(source) => Err(EngineError::File { what: "make", path: path.to_owned(), source }),
+    }
+}
+
+fn write_synced(path: &Path, text: &str) -> Result<(), EngineError> {
+    let draft = path.with_extension("new");
+    let write = || -> io::Result<()> {
+        let mut out = File::create(&draft)?;
+        out.write_all(text.as_bytes())?;
+        out.sync_all()?;
+        fs::rename(&draft, path)
+    };
+    write().map_err(file("write", path))?;
+    sync_folder(path);
+    Ok(())
+}
+
+fn sync_folder(path: &Path) {
+    // Not every file system can: the claim holds as long as the machine does.
+    let _ = path.parent().map(File::open).and_then(Result::ok).map(|folder| folder.sync_all());
+}
+
+fn file(what: &'static str, path: &Path) -> impl FnOnce(io::Error) -> EngineError {
+    let path: PathBuf = path.to_owned();
+    move |source| EngineError::File { what, path, source }
+}

@@ -1,0 +1,77 @@
+//! Files that somebody else removed: a scratch file system that empties itself, a hand that tidies up. A published task whose files
+//! are gone is made again only where a task that is about to begin reads them; what nobody reads any more stays as it is.
+
+use std::path::{Path, PathBuf};
+
+use cardiotwin_schemas::ids::{PatientId, TaskKey};
+use cardiotwin_schemas::task::TaskSpec;
+use serde_json::Value;
+
+use super::decide::Decider;
+use super::workflow::Next;
+use super::world::World;
+use super::{EngineError, EngineEvent};
+use crate::machine::task::{Task, TaskEvent};
+
+/// A task that was tried so often is not made again by itself, should its files be missed each time: whoever reads them says so.
+const MOST_GENERATIONS: u32 = 10;
+
+impl Decider {
+    /// Opens the tasks whose files the next one of a patient's would look for in vain; whether there were any.
+    pub(super) fn open_purged(&mut self, world: &mut World, i: usize, next: &Next) -> Result<bool, EngineError> {
+        let Next::Run { step, key, spec } = next else { return Ok(false) };
+        // One that is at work has read what it needs, or says itself what it misses.
+        if world.tasks.get(key).is_some_and(|task| matches!(task.state, Task::Attempting { .. })) {
+            return Ok(false);
+        }
+        let missing: Vec<PathBuf> = inputs(spec).into_iter().filter(|path| !path.exists()).collect();
+        let mut opened = false;
+        for path in missing {
+            let Some(made) = maker(world, &path) else { continue };
+            // Once by a coordinator: what it saw published a moment ago and cannot find is no purge.
+            if world.tasks[&made].state.generation() >= MOST_GENERATIONS || !self.remade.insert(made.clone()) {
+                continue;
+            }
+            world.task_event(&made, TaskEvent::Purged)?;
+            opened = true;
+            let patient = PatientId(world.patients[i].row.patient.clone());
+            let name = path.strip_prefix(&world.run_dir).unwrap_or(&path).display();
+            let text = format!("{patient}: {name} is gone, and {step} reads it: it is made again");
+            self.events.push(EngineEvent::Request { text });
+        }
+        Ok(opened)
+    }
+}
+
+/// Every file that a specification names: `path` beside `sha256`, wherever it stands.
+fn inputs(spec: &TaskSpec) -> Vec<PathBuf> {
+    fn look(value: &Value, found: &mut Vec<PathBuf>) {
+        match value {
+            Value::Object(fields) => {
+                if let (Some(Value::String(path)), Some(_)) = (fields.get("path"), fields.get("sha256")) {
+                    found.push(PathBuf::from(path));
+                }
+                fields.values().for_each(|value| look(value, found));
+            }
+            Value::Array(values) => values.iter().for_each(|value| look(value, found)),
+            _ => {}
+        }
+    }
+    if matches!(spec, TaskSpec::Noop(_)) {
+        return Vec::new();
+    }
+    let mut found = Vec::new();
+    look(&serde_json::to_value(spec).expect("a task's spec is JSON"), &mut found);
+    found
+}
+
+/// The published task whose present attempt made a file of this run.
+fn maker(world: &World, path: &Path) -> Option<TaskKey> {
+    let inside = path.strip_prefix(world.run_dir.join("attempts")).ok()?;
+    let attempt = inside.components().nth(1)?.as_os_str().to_str()?;
+    let (prefix, generation) = attempt.rsplit_once("-g")?;
+    let generation: u32 = generation.parse().ok()?;
+    let made = |state: &Task| matches!(state, Task::Published { generation: by } if *by == generation);
+    let mut tasks = world.tasks.iter().filter(|(key, task)| key.as_str().starts_with(prefix) && made(&task.state));
+    tasks.next().map(|(key, _)| key.clone())
+}

@@ -1,0 +1,70 @@
+//! What `status` shows of patients: counted, ordered and cut by SQLite, and handed over as one text, so that a screen of a
+//! hundred thousand costs little more than a screen.
+
+use std::collections::BTreeMap;
+
+use cardiotwin_schemas::failure::FailureClass;
+use cardiotwin_schemas::status::PatientStatus;
+use serde::Deserialize;
+use sqlx::Row as _;
+use sqlx::sqlite::SqliteConnection;
+
+/// Patients by state, and the first of them.
+pub struct Screen {
+    /// How many are in each state, all of them.
+    pub counts: BTreeMap<String, u64>,
+    /// Failures first, then what needs an eye, then what is done; the cohort's order within.
+    pub patients: Vec<PatientStatus>,
+}
+
+const COUNTS: &str = "SELECT word, count(*) FROM patients WHERE active GROUP BY word";
+
+const FIRST: &str = "
+SELECT json_group_array(json_array(patient, step, word, iteration, max_iterations, step1_cost, step1_quality, step2_cost,
+                                   failure_class, note, since_ms))
+FROM (SELECT * FROM patients WHERE active
+      ORDER BY CASE word WHEN 'failed' THEN 0 WHEN 'unknown' THEN 1 WHEN 'running' THEN 2 WHEN 'waiting' THEN 3
+                         WHEN 'cancelled' THEN 4 ELSE 5 END, position, id
+      LIMIT ?1)";
+
+/// A row of [`FIRST`].
+#[derive(Deserialize)]
+struct Shown(
+    String,
+    String,
+    String,
+    Option<u32>,
+    Option<u32>,
+    Option<f64>,
+    Option<String>,
+    Option<f64>,
+    Option<FailureClass>,
+    String,
+    i64,
+);
+
+/// Reads them; at most `rows` of the patients.
+///
+/// # Errors
+/// SQLite's, or what was found where a row was expected.
+pub async fn read(connection: &mut SqliteConnection, rows: usize, now_ms: i64) -> Result<Screen, sqlx::Error> {
+    let counted = sqlx::query(COUNTS).fetch_all(&mut *connection).await?;
+    let count = |row: &sqlx::sqlite::SqliteRow| (row.get(0), u64::try_from(row.get::<i64, _>(1)).unwrap_or(0));
+    let counts = counted.iter().map(count).collect();
+    let rows = i64::try_from(rows).unwrap_or(i64::MAX);
+    let text: String = sqlx::query_scalar(FIRST).bind(rows).fetch_one(connection).await?;
+    let shown: Vec<Shown> = serde_json::from_str(&text).map_err(|error| sqlx::Error::Decode(error.into()))?;
+    let patients = shown.into_iter().map(|row| PatientStatus {
+        patient: row.0,
+        step: row.1,
+        state: row.2,
+        iteration: row.3.zip(row.4),
+        step1_cost: row.5,
+        step1_quality: row.6,
+        step2_cost: row.7,
+        failure_class: row.8,
+        note: row.9,
+        for_s: (now_ms - row.10).max(0) as f64 / 1000.0,
+    });
+    Ok(Screen { counts, patients: patients.collect() })
+}
