@@ -2,6 +2,7 @@
 //! in `rerun`'s overrides and in `--set`; a later layer wins, key by key, and `config show --origin` tells which.
 
 use std::collections::BTreeMap;
+use std::path::PathBuf;
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -437,6 +438,13 @@ pub struct ExecutorSettings {
     /// Group of the run's folder and of all that is made in it; absent: as the file system has it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub group: Option<String>,
+    /// Where attempts lie, absolute: a folder on a file system for working files; the run's folder has a link to it. Absent: in the
+    /// run's folder, beside the database.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub scratch: Option<PathBuf>,
+    /// Where `archive` puts its copies, absolute, if it is not told; absent: it has to be told.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub archive: Option<PathBuf>,
     /// Who is told when a run is done, stalls, fails or runs out of room.
     #[serde(skip_serializing_if = "NoticeSettings::is_default")]
     pub notices: NoticeSettings,
@@ -511,6 +519,8 @@ impl Default for ExecutorSettings {
             hang_timeout_s: 0.0,
             umask: None,
             group: None,
+            scratch: None,
+            archive: None,
             notices: NoticeSettings::default(),
             slurm: SlurmSettings::default(),
         }

@@ -102,3 +102,34 @@ fn a_plan_tells_what_room_it_takes() {
     let said = cohort.call(&["plan"]).expect(0).out;
     assert!(said.contains("inodes to come (a guess by the bundled cohort)"), "{said}");
 }
+
+/// Database, attempts and archive on three file systems' folders: everything that looks at a run follows.
+#[test]
+fn attempts_lie_on_scratch_and_copies_in_the_archive() {
+    let cohort = Cohort::quick_of("01-CoA");
+    let (scratch, archive) = (cohort.path().join("scratch"), cohort.path().join("archives"));
+    let path = cohort.path().join("cohort.toml");
+    let text = fs::read_to_string(&path).unwrap();
+    let lines = format!("\n[executor]\nscratch = {:?}\narchive = {:?}\n", scratch.display(), archive.display());
+    fs::write(&path, text + &lines).unwrap();
+    cohort.call(&["run"]).expect(0);
+    let link = fs::read_link(cohort.run_dir().join("attempts")).unwrap();
+    assert!(link.starts_with(&scratch) && files(&link).len() > 10, "{}", link.display());
+    let usage = cohort.call(&["du", "--json"]).json();
+    assert!(usage["classes"]["results"]["files"].as_u64().unwrap() > 0, "{usage}");
+    cohort.call(&["clean"]).expect(0);
+    let findings = cohort.call(&["doctor", "--json"]).out;
+    assert!(findings.contains(&*scratch.to_string_lossy()), "{findings}");
+    cohort.call(&["archive"]).expect(0);
+    let copy = fs::read_dir(&archive).unwrap().flatten().next().unwrap().path();
+    assert!(fs::symlink_metadata(copy.join("attempts")).unwrap().is_dir(), "the copy stands by itself");
+    // All of scratch is purged, the folder of the run's with it.
+    fs::remove_dir_all(&scratch).unwrap();
+    let said = cohort.call(&["run", "--no-report", "--set", "step1.max_iterations=1"]).expect(0);
+    assert!(said.err.contains("it is made again"), "{}", said.err);
+    let name = copy.to_string_lossy().into_owned();
+    let shown = cardiotwin(cohort.path(), &["show", "01-CoA", "--cohort", &name, "--json"]).json();
+    assert_eq!(shown["status"]["state"], "done");
+    let other = format!("executor.scratch={}", cohort.path().join("other").display());
+    cohort.call(&["run", "--no-report", "--set", &other]).expect(2).complains_of(&["executor.scratch", "mv "]);
+}

@@ -11,6 +11,7 @@ mod notices;
 mod place;
 mod problems;
 mod progress;
+mod scratch;
 mod store;
 mod summary;
 mod table;

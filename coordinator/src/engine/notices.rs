@@ -36,7 +36,9 @@ pub async fn tell(run_dir: &Path, settings: &NoticeSettings) -> Result<Vec<Strin
     }
     let reader = Reader::open(run_dir).await?;
     let notable = reader.notable().await?;
-    let free_bytes = rustix::fs::statvfs(run_dir).ok().map(|told| told.f_bavail * told.f_frsize);
+    // Attempts may lie on a file system of their own.
+    let free = |path: &Path| rustix::fs::statvfs(path).ok().map(|told| told.f_bavail * told.f_frsize);
+    let free_bytes = [free(run_dir), free(&run_dir.join("attempts"))].into_iter().flatten().min();
     let mut said = Vec::new();
     for (name, notice) in events(&notable, settings, free_bytes) {
         let folder = reader.run_dir().join(FOLDER).join(&name);

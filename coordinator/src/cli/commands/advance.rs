@@ -8,7 +8,7 @@ use crate::cli::error::CliError;
 use crate::cli::exit::Exit;
 use crate::cli::place::Place;
 use crate::cli::talk::{Talk, count};
-use crate::cli::{access, notices};
+use crate::cli::{access, notices, scratch};
 use crate::engine::{self, RunOptions, RunSummary, StopSignal};
 
 /// Bring a run on a cluster one step on: take up what jobs have done, decide, submit what follows, and end
@@ -59,6 +59,7 @@ pub async fn execute(args: &AdvanceArgs, talk: &Talk) -> Result<Exit, CliError> 
         StopSignal::from_signals().map_err(|source| CliError::Io { what: "cannot listen to signals", source })?;
     let (events, _) = tokio::sync::mpsc::unbounded_channel();
     access::apply(&options.executor, &options.run_dir)?;
+    scratch::lay_out(&options.executor, &options.run_dir)?;
     let (run_dir, told) = (options.run_dir.clone(), options.executor.notices.clone());
     let summary = engine::run(options, events, stop).await?;
     notices::tell(&run_dir, &told, talk).await;

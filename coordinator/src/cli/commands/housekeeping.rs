@@ -6,10 +6,12 @@ use clap::Args;
 
 use crate::cli::error::CliError;
 use crate::cli::exit::Exit;
-use crate::cli::place::Place;
+use crate::cli::place::{Folders, Place};
 use crate::cli::table::Columns;
 use crate::cli::talk::{Talk, count};
+use crate::clock;
 use crate::engine::{self, Class, Usage};
+use crate::input::{self, Options, Report};
 
 /// What a run's files take, by what they are for and how long they are kept
 #[derive(Debug, Args)]
@@ -46,9 +48,9 @@ pub struct CleanArgs {
 pub struct ArchiveArgs {
     #[command(flatten)]
     place: Place,
-    /// Folder of the copy; must not be there
+    /// Folder of the copy; must not be there [default: COHORT-DATE in executor.archive]
     #[arg(long, value_name = "DIR")]
-    to: PathBuf,
+    to: Option<PathBuf>,
     /// VTU series, too
     #[arg(long)]
     series: bool,
@@ -103,15 +105,35 @@ pub async fn clean(args: &CleanArgs, talk: &Talk) -> Result<Exit, CliError> {
 /// The engine's.
 pub async fn archive(args: &ArchiveArgs, talk: &Talk) -> Result<Exit, CliError> {
     let folders = args.place.folders();
-    let done = engine::archive(&folders.run, &args.to, args.series).await?;
+    let target = match &args.to {
+        Some(target) => target.clone(),
+        None => default_archive(&folders)?,
+    };
+    let done = engine::archive(&folders.run, &target, args.series).await?;
     if args.json {
         talk.json(&done)?;
     } else {
-        let (to, files) = (args.to.display(), count(done.copied.files as usize, "file"));
+        let (to, files) = (target.display(), count(done.copied.files as usize, "file"));
         let (copied, left) = (size(done.copied.bytes), size(done.left.bytes));
         talk.data(&format!("{to}: {files}, {copied}, each checked; {left} of scratch left behind\n"))?;
     }
     Ok(Exit::Ok)
+}
+
+/// `executor.archive`, with the cohort and the day.
+fn default_archive(folders: &Folders) -> Result<PathBuf, CliError> {
+    let cohort = folders.cohort.as_ref().and_then(|folder| {
+        let cohort = input::load(folder, &Options::default(), &mut Report::default())?;
+        Some((cohort.name, cohort.settings.settings.executor.archive?))
+    });
+    let Some((name, folder)) = cohort.filter(|(_, folder)| folder.is_absolute()) else {
+        let message = "nowhere to put it: name a folder with --to, or set executor.archive to a path from the root";
+        return Err(CliError::Usage(message.to_owned()));
+    };
+    std::fs::create_dir_all(&folder).map_err(CliError::file("make", &folder))?;
+    let day = clock::utc_text(clock::now_ms()).chars().take(10).collect::<String>();
+    let plain = |c: char| if c.is_ascii_alphanumeric() || c == '-' || c == '_' { c } else { '-' };
+    Ok(folder.join(format!("{}-{day}", name.chars().map(plain).collect::<String>())))
 }
 
 fn table(talk: &Talk, rows: &[(Class, Usage)]) -> String {

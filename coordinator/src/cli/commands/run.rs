@@ -19,7 +19,7 @@ use crate::cli::store::open;
 use crate::cli::table::{Columns, duration};
 use crate::cli::talk::{Talk, count};
 use crate::cli::vtu::announcement;
-use crate::cli::{access, problems, summary};
+use crate::cli::{access, problems, scratch, summary};
 use crate::discovery;
 use crate::engine::{self, EngineEvent, Reader, RunOptions, RunSummary, StopSignal, StoreError};
 use crate::input::{self, Cohort, Options, Report};
@@ -104,6 +104,7 @@ pub async fn execute(args: &RunArgs, talk: &Talk) -> Result<Exit, CliError> {
     let stop =
         StopSignal::from_signals().map_err(|source| CliError::Io { what: "cannot listen to signals", source })?;
     access::apply(&options.executor, &options.run_dir)?;
+    scratch::lay_out(&options.executor, &options.run_dir)?;
     let (events, received) = tokio::sync::mpsc::unbounded_channel();
     let notifier = Notifier::start(&options.run_dir, &options.executor.notices, talk);
     let watcher = tokio::spawn(watch(received, notifier, folders.clone(), *talk));

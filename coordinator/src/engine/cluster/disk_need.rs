@@ -72,7 +72,8 @@ impl DiskNeed {
                 }
             }
         }
-        let place = world.run_dir.ancestors().find(|folder| folder.is_dir()).unwrap_or(Path::new("/"));
+        let attempts = world.run_dir.join("attempts");
+        let place = attempts.ancestors().find(|folder| folder.is_dir()).unwrap_or(Path::new("/"));
         if let Ok(told) = rustix::fs::statvfs(place) {
             room.free_bytes = Some(told.f_bavail * told.f_frsize);
             room.free_inodes = (told.f_files > 0).then_some(told.f_favail);

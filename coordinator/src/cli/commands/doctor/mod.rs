@@ -13,10 +13,11 @@ use serde::Serialize;
 
 use crate::cli::error::CliError;
 use crate::cli::exit::Exit;
-use crate::cli::place::Place;
+use crate::cli::place::{Folders, Place};
 use crate::cli::table::Columns;
 use crate::cli::talk::{Talk, Tone, count};
 use crate::engine;
+use crate::input::{self, Options, Report};
 use finding::{Finding, Level};
 
 /// Whether this machine, file system and site can run cohorts; what to do where they can't
@@ -55,6 +56,9 @@ pub async fn execute(args: &DoctorArgs, talk: &Talk) -> Result<Exit, CliError> {
     let mut findings = machine::look();
     findings.extend(programs::look(args.worker.as_deref()));
     findings.extend(disk::look(&folders.run).await);
+    if let Some(scratch) = scratch_of(&folders) {
+        findings.extend(disk::look(&scratch).await);
+    }
     findings.extend(cluster(args).await);
     let worst = findings.iter().filter(|finding| finding.level == Level::Error).count();
     if args.json {
@@ -66,6 +70,16 @@ pub async fn execute(args: &DoctorArgs, talk: &Talk) -> Result<Exit, CliError> {
         talk.say(&format!("{}, {}", count(worst, "error"), count(doubtful, "warning")));
     }
     Ok(if worst > 0 { Exit::Problems } else { Exit::Ok })
+}
+
+/// Where attempts lie, where that is not the run's folder.
+fn scratch_of(folders: &Folders) -> Option<PathBuf> {
+    if let Ok(link) = std::fs::read_link(folders.run.join("attempts")) {
+        return Some(link);
+    }
+    let cohort = folders.cohort.as_ref().filter(|cohort| cohort.join("cohort.toml").is_file())?;
+    let cohort = input::load(cohort, &Options::default(), &mut Report::default())?;
+    cohort.settings.settings.executor.scratch
 }
 
 fn table(findings: &[Finding], talk: &Talk) -> String {

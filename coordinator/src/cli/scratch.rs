@@ -1,0 +1,104 @@
+//! Where attempts lie: in the run's folder, or on a file system of their own, which the run's folder then has a link to.
+
+use std::fs;
+use std::io;
+use std::os::unix::fs::symlink;
+use std::path::{Path, PathBuf};
+
+use cardiotwin_schemas::hash::sha256_hex;
+use cardiotwin_schemas::settings::ExecutorSettings;
+
+use super::error::CliError;
+
+/// Folder of the attempts in a run's.
+const ATTEMPTS: &str = "attempts";
+
+/// Makes the link to `executor.scratch`, or sees that it is the one that is there; what was purged is made anew, empty.
+///
+/// # Errors
+/// Attempts that lie elsewhere already; folders that cannot be made.
+pub fn lay_out(settings: &ExecutorSettings, run_dir: &Path) -> Result<(), CliError> {
+    let link = run_dir.join(ATTEMPTS);
+    let Some(scratch) = &settings.scratch else {
+        // The link stays where the setting went: what it leads to may have been purged.
+        return match fs::read_link(&link) {
+            Ok(target) => fs::create_dir_all(&target).map_err(CliError::file("make", &target)),
+            Err(_) => Ok(()),
+        };
+    };
+    if !scratch.is_absolute() {
+        let message =
+            format!("executor.scratch = \"{}\": a path from the root, such as /scratch/me", scratch.display());
+        return Err(CliError::Usage(message));
+    }
+    fs::create_dir_all(run_dir).map_err(CliError::file("make", run_dir))?;
+    let target = folder_of(scratch, run_dir);
+    let elsewhere = |at: &Path| {
+        let (at, to) = (at.display(), target.display());
+        CliError::Usage(format!(
+            "the attempts of this run lie in {at}, and executor.scratch says {to}: leave the setting away, or move them while nothing \
+             runs: `mv {at} {to}`, then remove {}",
+            link.display()
+        ))
+    };
+    match fs::symlink_metadata(&link) {
+        Ok(found) if found.is_symlink() => {
+            let leads_to = fs::read_link(&link).map_err(CliError::file("read", &link))?;
+            if leads_to != target {
+                return Err(elsewhere(&leads_to));
+            }
+            return fs::create_dir_all(&target).map_err(CliError::file("make", &target));
+        }
+        // An empty folder is in nobody's way.
+        Ok(_) => fs::remove_dir(&link).map_err(|_| elsewhere(&link))?,
+        Err(error) if error.kind() == io::ErrorKind::NotFound => {}
+        Err(error) => return Err(CliError::file("read", &link)(error)),
+    }
+    fs::create_dir_all(&target).map_err(CliError::file("make", &target))?;
+    match symlink(&target, &link) {
+        // Another command of this moment was first.
+        Err(error) if error.kind() == io::ErrorKind::AlreadyExists => lay_out(settings, run_dir),
+        made => made.map_err(CliError::file("make the link", &link)),
+    }
+}
+
+/// A folder of this run's alone: called after the cohort's folder and the run's path.
+fn folder_of(scratch: &Path, run_dir: &Path) -> PathBuf {
+    let run_dir = fs::canonicalize(run_dir).unwrap_or_else(|_| run_dir.to_owned());
+    let cohort = run_dir.parent().and_then(Path::file_name).unwrap_or_default().to_string_lossy().into_owned();
+    let hash = sha256_hex(run_dir.to_string_lossy().as_bytes());
+    scratch.join(format!("{cohort}-{}", &hash[..8])).join(ATTEMPTS)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn settings(scratch: &Path) -> ExecutorSettings {
+        ExecutorSettings { scratch: Some(scratch.to_owned()), ..ExecutorSettings::default() }
+    }
+
+    #[test]
+    fn the_link_is_made_once_and_what_lies_elsewhere_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let (run, scratch) = (folder.path().join("c/run"), folder.path().join("scratch"));
+        fs::create_dir_all(run.join(ATTEMPTS)).unwrap();
+        lay_out(&settings(&scratch), &run).unwrap();
+        let target = fs::read_link(run.join(ATTEMPTS)).unwrap();
+        assert!(target.starts_with(&scratch) && target.is_dir());
+        fs::remove_dir_all(&scratch).unwrap();
+        lay_out(&settings(&scratch), &run).unwrap();
+        assert!(target.is_dir(), "purged, and made anew");
+        fs::remove_dir_all(&scratch).unwrap();
+        lay_out(&ExecutorSettings::default(), &run).unwrap();
+        assert!(target.is_dir(), "the link stays");
+        let error = lay_out(&settings(&folder.path().join("other")), &run).unwrap_err().to_string();
+        assert!(error.contains("executor.scratch") && error.contains("mv "), "{error}");
+        assert!(lay_out(&settings(Path::new("relative")), &run).is_err());
+
+        let old = folder.path().join("d/run");
+        fs::create_dir_all(old.join("attempts/aa")).unwrap();
+        assert!(lay_out(&settings(&scratch), &old).is_err(), "a run that has attempts keeps them where they are");
+        assert!(old.join("attempts/aa").is_dir());
+    }
+}
