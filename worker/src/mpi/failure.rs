@@ -3,6 +3,7 @@
 use std::io;
 use std::path::PathBuf;
 use std::sync::Arc;
+use std::time::Duration;
 use std::{panic, thread};
 
 use cardiotwin_worker::{clock, files};
@@ -14,6 +15,9 @@ use serde::Serialize;
 pub const EXIT_RANK_FAILED: i32 = 6;
 /// File in the task's directory.
 pub const FILE: &str = "rank-failure.json";
+
+/// Long enough for a launcher to read a line.
+const TO_BE_READ: Duration = Duration::from_millis(200);
 
 /// What is known of a failure.
 #[derive(Serialize)]
@@ -43,6 +47,8 @@ impl Failures {
         let said = matches!(&written, Some(Err(error)) if error.kind() == io::ErrorKind::AlreadyExists);
         if !said {
             eprintln!("error: rank {rank} of {ranks} failed at {at}: {reason}; all ranks end");
+            // MPICH's launcher, told to abort, may leave what it has not read of a rank's words.
+            thread::sleep(TO_BE_READ);
         }
         SimpleCommunicator::world().abort(EXIT_RANK_FAILED)
     }
@@ -59,7 +65,7 @@ impl Failures {
 
     /// The end because of an error that other ranks may have found, too: rank 0 is given time to publish it.
     pub fn end_after_rank_0(&self, reason: &str) -> ! {
-        thread::sleep(std::time::Duration::from_secs(3));
+        thread::sleep(Duration::from_secs(3));
         self.end(reason)
     }
 }
