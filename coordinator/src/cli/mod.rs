@@ -19,7 +19,6 @@ mod talk;
 #[cfg(test)]
 mod tests;
 mod vtu;
-mod worker;
 
 use std::process::ExitCode;
 

@@ -9,9 +9,7 @@ use cardiotwin_schemas::hash::sha256_hex;
 use cardiotwin_schemas::settings::ExecutorSettings;
 
 use super::error::CliError;
-
-/// Folder of the attempts in a run's.
-const ATTEMPTS: &str = "attempts";
+use crate::engine::ATTEMPTS;
 
 /// Makes the link to `executor.scratch`, or sees that it is the one that is there; what was purged is made anew, empty.
 ///

@@ -77,6 +77,7 @@ pub use notices::tell;
 pub use programs::first_line;
 pub use step2::contraction;
 pub use stop::{StopLevel, StopSignal};
+pub use world::ATTEMPTS;
 
 /// What to run, where and how.
 #[derive(Debug, Clone)]
@@ -290,7 +291,10 @@ fn enter_with_lease(run_dir: &Path) -> Result<(Option<RunLock>, Lease, PathBuf),
 }
 
 /// The worker's executable: as named, else beside our own.
-fn find_worker(named: Option<&Path>) -> Result<PathBuf, EngineError> {
+///
+/// # Errors
+/// [`EngineError::NoWorker`].
+pub fn find_worker(named: Option<&Path>) -> Result<PathBuf, EngineError> {
     let path = match named {
         Some(path) => path.to_owned(),
         None => {

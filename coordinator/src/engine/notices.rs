@@ -20,6 +20,7 @@ use cardiotwin_schemas::SCHEMA_VERSION;
 use cardiotwin_schemas::notices::{Notice, NoticeKind, NoticeSettings};
 
 use super::EngineError;
+use super::world::ATTEMPTS;
 use crate::clock;
 use crate::dispatch::{CommandEnd, run_limited};
 use crate::store::{Notable, Reader};
@@ -38,7 +39,7 @@ pub async fn tell(run_dir: &Path, settings: &NoticeSettings) -> Result<Vec<Strin
     let notable = reader.notable().await?;
     // Attempts may lie on a file system of their own.
     let free = |path: &Path| rustix::fs::statvfs(path).ok().map(|told| told.f_bavail * told.f_frsize);
-    let free_bytes = [free(run_dir), free(&run_dir.join("attempts"))].into_iter().flatten().min();
+    let free_bytes = [free(run_dir), free(&run_dir.join(ATTEMPTS))].into_iter().flatten().min();
     let mut said = Vec::new();
     for (name, notice) in events(&notable, settings, free_bytes) {
         let folder = reader.run_dir().join(FOLDER).join(&name);

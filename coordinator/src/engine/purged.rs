@@ -9,7 +9,7 @@ use serde_json::Value;
 
 use super::decide::Decider;
 use super::workflow::Next;
-use super::world::World;
+use super::world::{ATTEMPTS, World};
 use super::{EngineError, EngineEvent};
 use crate::machine::task::{Task, TaskEvent};
 
@@ -67,7 +67,7 @@ fn inputs(spec: &TaskSpec) -> Vec<PathBuf> {
 
 /// The published task whose present attempt made a file of this run.
 fn maker(world: &World, path: &Path) -> Option<TaskKey> {
-    let inside = path.strip_prefix(world.run_dir.join("attempts")).ok()?;
+    let inside = path.strip_prefix(world.run_dir.join(ATTEMPTS)).ok()?;
     let attempt = inside.components().nth(1)?.as_os_str().to_str()?;
     let (prefix, generation) = attempt.rsplit_once("-g")?;
     let generation: u32 = generation.parse().ok()?;

@@ -53,10 +53,13 @@ pub struct World {
     batch: Batch,
 }
 
+/// Folder of the attempts in a run's: a link where they lie on a file system of their own.
+pub const ATTEMPTS: &str = "attempts";
+
 /// Where an attempt's files lie, relative to the run directory.
 pub(super) fn attempt_directory(attempt: &AttemptId) -> String {
     let key = attempt.task.as_str();
-    format!("attempts/{}/{}-g{}", &key[..2], &key[..16], attempt.generation)
+    format!("{ATTEMPTS}/{}/{}-g{}", &key[..2], &key[..16], attempt.generation)
 }
 
 impl World {

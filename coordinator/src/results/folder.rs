@@ -39,24 +39,15 @@ impl WholeFolder {
         self.beside.path()
     }
 
-    /// Path of a new file in it; folders on the way are made.
-    ///
-    /// # Errors
-    /// [`WriteError::Folder`].
-    pub fn file(&self, name: &str) -> Result<PathBuf, WriteError> {
-        let path = self.path().join(name);
-        if let Some(folder) = path.parent() {
-            fs::create_dir_all(folder).map_err(WriteError::folder(folder))?;
-        }
-        Ok(path)
-    }
-
-    /// Writes and syncs a new file.
+    /// Writes and syncs a new file; folders on the way are made.
     ///
     /// # Errors
     /// [`WriteError`].
     pub fn write(&self, name: &str, content: &[u8]) -> Result<(), WriteError> {
-        let path = self.file(name)?;
+        let path = self.path().join(name);
+        if let Some(folder) = path.parent() {
+            fs::create_dir_all(folder).map_err(WriteError::folder(folder))?;
+        }
         let written =
             fs::File::create_new(&path).and_then(|mut file| file.write_all(content).and_then(|()| file.sync_all()));
         written.map_err(WriteError::file(&self.place.join(name)))

@@ -12,8 +12,8 @@ use crate::cli::exit::Exit;
 use crate::cli::place::Place;
 use crate::cli::store::open;
 use crate::cli::talk::{Talk, count};
-use crate::cli::worker;
 use crate::discovery;
+use crate::engine::find_worker;
 use crate::export::ro_crate::{self, CrateFile, CrateOptions};
 use crate::export::{Exported, export};
 use crate::report::write_report;
@@ -74,20 +74,22 @@ pub async fn execute(args: &ExportArgs, talk: &Talk) -> Result<Exit, CliError> {
     let record = open(&folders).await?.record().await?;
     let out = args.out.clone().unwrap_or_else(|| folders.run.join("export"));
     let Exported { mut files, mut problems } = export(&record, &out).map_err(CliError::Export)?;
+    let mut parts: Vec<Part> = files.iter().map(|file| Part::table(file)).collect();
     if args.opencarp {
-        let worker = worker::find(args.worker.as_deref())?;
+        let worker = find_worker(args.worker.as_deref())?;
         for patient in &record.patients {
-            match opencarp(patient, &worker, &out.join("opencarp").join(patient.plan.id.as_str()))? {
-                written if written.is_empty() => {
-                    problems.push(format!("{}: no simulation of step 1 yet", patient.plan.id))
-                }
-                written => files.extend(written),
+            let id = &patient.plan.id;
+            let written = opencarp(patient, &worker, &out.join("opencarp").join(id.as_str()))?;
+            if written.is_empty() {
+                problems.push(format!("{id}: no simulation of step 1 yet"));
             }
+            parts.extend(written.iter().map(|file| Part::model(file, id.as_str())));
+            files.extend(written);
         }
     }
     if args.ro_crate {
         let place = out.join("ro-crate");
-        problems.extend(crate_of(args, &record, folders.cohort.as_deref(), &place, talk)?);
+        problems.extend(crate_of(args, &record, &parts, folders.cohort.as_deref(), &place, talk)?);
         files.push(place.join(ro_crate::METADATA));
     }
     if args.json {
@@ -122,47 +124,55 @@ fn opencarp(patient: &PatientRecord, worker: &Path, out: &Path) -> Result<Vec<Pa
     Ok(String::from_utf8_lossy(&output.stdout).lines().map(PathBuf::from).collect())
 }
 
+/// A file that was exported, as a crate has it.
+struct Part {
+    from: PathBuf,
+    to: CrateFile,
+}
+
+impl Part {
+    fn of(file: &Path, folder: &str, sentence: &str) -> Self {
+        let name = file.file_name().unwrap_or_default().to_string_lossy();
+        let to = CrateFile { path: format!("{folder}/{name}"), name: sentence.to_owned() };
+        Self { from: file.to_owned(), to }
+    }
+
+    fn table(file: &Path) -> Self {
+        let is_traces = file.file_stem().is_some_and(|stem| stem == "traces");
+        let sentence = if is_traces { "All traces, one value a row" } else { "A table of the paper, for this cohort" };
+        Self::of(file, "tables", sentence)
+    }
+
+    fn model(file: &Path, patient: &str) -> Self {
+        Self::of(file, &format!("patients/{patient}/opencarp"), "A personalised model in openCARP's formats")
+    }
+}
+
 /// The crate appears whole, in the place of an earlier one. Returns what is not as it should be.
 fn crate_of(
     args: &ExportArgs,
     record: &RunRecord,
+    parts: &[Part],
     cohort: Option<&Path>,
     place: &Path,
     talk: &Talk,
 ) -> Result<Vec<String>, CliError> {
     let folder = WholeFolder::begin(place).map_err(CliError::Export)?;
-    let mut files = Vec::new();
-    let mut add = |path: String, name: &str| files.push(CrateFile { path, name: name.to_owned() });
-    let Exported { files: tables, mut problems } =
-        export(record, &folder.path().join("tables")).map_err(CliError::Export)?;
-    for table in &tables {
-        let name = table.file_name().unwrap_or_default().to_string_lossy().into_owned();
-        let what = if name.starts_with("traces") {
-            "All traces, one value a row"
-        } else {
-            "A table of the paper, for this cohort"
-        };
-        add(format!("tables/{name}"), what);
+    let mut files = Vec::with_capacity(parts.len() + 1);
+    for Part { from, to } in parts {
+        let content = std::fs::read(from).map_err(CliError::file("read", from))?;
+        folder.write(&to.path, &content).map_err(CliError::Export)?;
+        files.push(to.clone());
     }
     let cases = discovery::beside(cohort);
     let report = write_report(record, cases.as_ref(), &folder.path().join("report.html")).map_err(CliError::Report)?;
     for page in std::iter::once(&report.main).chain(&report.patients) {
         let path = page.strip_prefix(folder.path()).unwrap_or(page).to_string_lossy().into_owned();
-        add(path, "The report");
-    }
-    if args.opencarp {
-        let worker = worker::find(args.worker.as_deref())?;
-        for patient in &record.patients {
-            let base = folder.path().join("patients").join(patient.plan.id.as_str()).join("opencarp");
-            for file in opencarp(patient, &worker, &base)? {
-                let path = file.strip_prefix(folder.path()).unwrap_or(&file).to_string_lossy().into_owned();
-                add(path, "A personalised model in openCARP's formats");
-            }
-        }
+        files.push(CrateFile { path, name: "The report".to_owned() });
     }
     let options =
         CrateOptions { license: args.license.clone(), author: args.author.clone(), with_inputs: args.with_inputs };
-    problems.extend(ro_crate::complete(record, &folder, files, &options).map_err(CliError::Export)?);
+    let problems = ro_crate::complete(record, &folder, files, &options).map_err(CliError::Export)?;
     folder.publish().map_err(CliError::Export)?;
     let open = record.patients.iter().filter(|p| p.verification.is_none()).count();
     if open > 0 {

@@ -22,8 +22,7 @@ use crate::cli::store::stored_overrides;
 use crate::cli::table::{Columns, optional, percent};
 use crate::cli::talk::{Talk, Tone, count};
 use crate::cli::vtu::announcement;
-use crate::cli::worker;
-use crate::engine::{Reader, StoreError, contraction};
+use crate::engine::{Reader, StoreError, contraction, find_worker};
 use crate::input::{self, Options, Report, nearest, value_from_text};
 use crate::results::{Biomarker, PatientView};
 
@@ -96,7 +95,7 @@ pub async fn execute(args: &SimulateArgs, talk: &Talk) -> Result<Exit, CliError>
     let overrides = stored_overrides(&folders.run, &args.patient).await?;
     let options = Options { only: vec![args.patient.clone()], set: settings, overrides };
     let plan = plan(&folders, &options, record.as_ref(), talk)?;
-    let worker = worker::find(args.worker.as_deref())?;
+    let worker = find_worker(args.worker.as_deref())?;
     let scratch = tempfile::tempdir().map_err(CliError::file("make a folder in", std::env::temp_dir()))?;
     let passive = passive_state(&plan, record.as_ref(), &worker, scratch.path())?;
     let beats = args.beats.unwrap_or(BeatCount::Fixed { n: plan.settings.solver.beats });

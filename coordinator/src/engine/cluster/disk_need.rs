@@ -13,7 +13,7 @@ use serde::Serialize;
 use super::expect::rest;
 use super::mesh_size;
 use crate::engine::EngineError;
-use crate::engine::world::World;
+use crate::engine::world::{ATTEMPTS, World};
 use crate::machine::task::Task;
 
 /// So many measured attempts of a kind tell enough.
@@ -72,7 +72,7 @@ impl DiskNeed {
                 }
             }
         }
-        let attempts = world.run_dir.join("attempts");
+        let attempts = world.run_dir.join(ATTEMPTS);
         let place = attempts.ancestors().find(|folder| folder.is_dir()).unwrap_or(Path::new("/"));
         if let Ok(told) = rustix::fs::statvfs(place) {
             room.free_bytes = Some(told.f_bavail * told.f_frsize);

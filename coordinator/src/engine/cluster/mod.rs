@@ -19,7 +19,6 @@ mod observe;
 mod place;
 mod preview;
 mod profile;
-
 mod settle;
 mod submit;
 #[cfg(test)]

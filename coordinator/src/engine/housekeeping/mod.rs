@@ -18,7 +18,7 @@ use sha2::{Digest as _, Sha256};
 pub use classes::Class;
 use classes::Standing;
 
-use super::world::{World, attempt_directory};
+use super::world::{ATTEMPTS, World, attempt_directory};
 use super::{EngineError, enter};
 use crate::clock;
 use crate::machine::task::Task;
@@ -137,7 +137,7 @@ fn walk(root: &Path, folder: &Path, found: &mut Vec<(PathBuf, u64)>) -> Result<(
         // A worker at work may remove one of its files meanwhile.
         let Ok(mut metadata) = entry.metadata() else { continue };
         // `executor.scratch`: the attempts lie elsewhere, and are the run's all the same.
-        if metadata.is_symlink() && path == root.join("attempts") {
+        if metadata.is_symlink() && path == root.join(ATTEMPTS) {
             let Ok(elsewhere) = fs::metadata(&path) else { continue };
             metadata = elsewhere;
         }
@@ -160,7 +160,7 @@ fn entries(run_dir: &Path, books: &Books) -> Result<Vec<Entry>, EngineError> {
         // attempts/3f/3f9c…-g1/FILE
         let attempt: PathBuf = file.components().take(3).collect();
         let inside = file.strip_prefix(&attempt).unwrap_or(Path::new("")).to_owned();
-        let is_of_attempt = file.starts_with("attempts") && !inside.as_os_str().is_empty();
+        let is_of_attempt = file.starts_with(ATTEMPTS) && !inside.as_os_str().is_empty();
         let (class, standing) = if is_of_attempt {
             let named = artefacts.entry(attempt.clone()).or_insert_with(|| {
                 let mut named = artefacts_of(&run_dir.join(&attempt));

@@ -74,7 +74,7 @@ pub async fn execute(args: &DoctorArgs, talk: &Talk) -> Result<Exit, CliError> {
 
 /// Where attempts lie, where that is not the run's folder.
 fn scratch_of(folders: &Folders) -> Option<PathBuf> {
-    if let Ok(link) = std::fs::read_link(folders.run.join("attempts")) {
+    if let Ok(link) = std::fs::read_link(folders.run.join(engine::ATTEMPTS)) {
         return Some(link);
     }
     let cohort = folders.cohort.as_ref().filter(|cohort| cohort.join("cohort.toml").is_file())?;
