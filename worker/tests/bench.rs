@@ -19,6 +19,7 @@ fn a_beat_on_two_threads_is_measured_with_all_that_it_is_made_of() {
         "seconds_total",
         "seconds_per_phase/isovolumic_contraction",
         "peak_memory_MB",
+        "beat_peak_memory_MB",
         "ns_per_tet/deform",
         "ns_per_tet/forces",
         "ns_per_tet/forces_tangent_scatter",

@@ -43,14 +43,14 @@ impl Series {
     /// [`TaskError::Write`] when the file system refuses.
     pub fn begin(
         directory: &Path,
-        mesh: &TetMesh,
+        mesh: TetMesh,
         ventricle: &FiniteElementVentricle,
         every_ms: f64,
         with_calcium: bool,
     ) -> Result<(Self, u64), TaskError> {
         let folder = directory.join(FOLDER);
         fs::create_dir_all(&folder).map_err(|source| TaskError::Write { file: folder.clone(), source })?;
-        let mesh = TetMesh { frames: Vec::new(), surfaces: Vec::new(), ..mesh.clone() };
+        let mesh = TetMesh { frames: Vec::new(), surfaces: Vec::new(), ..mesh };
         let (begin, times_ms) = (Vec::new(), Vec::new());
         let mut series = Self { folder, every_ms, with_calcium, mesh, begin, beat: 1, times_ms };
         series.move_to(ventricle);

@@ -122,10 +122,12 @@ pub(super) fn beat(
 struct Stopped(f64);
 
 /// Runs the beat and measures what it is made of.
+///
+/// - `before_mb`: peak memory of what was done for this beat alone before it
 pub(super) fn measure(
     subject: &Subject,
     bench: &VentricleBench,
-    ranks: Ranks<'_>,
+    (ranks, before_mb): (Ranks<'_>, f64),
     stop: &StopFlag,
     mut report: impl FnMut(&str),
 ) -> Result<VentricleTiming, BenchError> {
@@ -154,7 +156,7 @@ pub(super) fn measure(
     let bytes = ventricle.krylov_bytes();
     let total = ventricle.work();
     drop(ventricle);
-    let (peaks, processor_seconds) = costs(ranks, done.processor_seconds_total);
+    let Costs { peaks, beat_peak_mb, processor_seconds } = costs(ranks, before_mb, done.processor_seconds_total);
     let triad = triad_gb_per_s(n_ranks);
     let krylov = 1e-6 * bytes / ms_per_krylov_iteration;
     let most = done.of_ranks.iter().map(|r| r.elements).fold(0.0, f64::max);
@@ -176,6 +178,7 @@ pub(super) fn measure(
         seconds_inflation: subject.seconds_inflation,
         seconds_setup: done.seconds_setup,
         peak_memory_MB: peaks.iter().sum(),
+        beat_peak_memory_MB: beat_peak_mb,
         newton_iterations: total.newton_iterations,
         newton_per_step: total.newton_iterations as f64 / total.steps.max(1) as f64,
         krylov_iterations: total.krylov_iterations,
@@ -193,19 +196,35 @@ pub(super) fn measure(
     })
 }
 
-/// Peak memory of each process \[MB\], and processor time of all; of several processes collective.
-pub(super) fn costs(ranks: Ranks<'_>, own_cpu_s: f64) -> (Vec<f64>, f64) {
-    let own = [peak_memory_mb(), own_cpu_s];
+/// What processes cost.
+pub(super) struct Costs {
+    /// Peak memory of each \[MB\].
+    peaks: Vec<f64>,
+    /// The same since [`anew`], of all together.
+    beat_peak_mb: f64,
+    /// Processor time of all.
+    processor_seconds: f64,
+}
+
+/// Costs of all processes; of several collective.
+///
+/// - `before_mb`: what [`anew`] found of this one
+pub(super) fn costs(ranks: Ranks<'_>, before_mb: f64, own_cpu_s: f64) -> Costs {
+    let beat_mb = peak_memory_mb();
+    let own = [beat_mb.max(before_mb), beat_mb, own_cpu_s];
     let all = match ranks {
         Ranks::Threads(_) => vec![own.to_vec()],
         Ranks::Team(team) => team.comm().gather(&own).unwrap_or_default(),
     };
-    (all.iter().map(|c| c[0]).collect(), all.iter().map(|c| c[1]).sum())
+    let sum = |k: usize| all.iter().map(|costs| costs[k]).sum();
+    Costs { peaks: all.iter().map(|costs| costs[0]).collect(), beat_peak_mb: sum(1), processor_seconds: sum(2) }
 }
 
-/// Measures anew from here on: memory that was used before does not count.
-pub(super) fn anew() {
+/// Measures anew from here on: memory that was used before does not count. Returns its peak \[MB\].
+pub(super) fn anew() -> f64 {
+    let before_mb = peak_memory_mb();
     forget_peak_memory();
+    before_mb
 }
 
 fn biomarkers(traces: &BeatTraces) -> BeatBiomarkers {

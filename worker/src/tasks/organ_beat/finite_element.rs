@@ -11,7 +11,6 @@ use cardiotwin_mechanics::newton::LinearSolver;
 use cardiotwin_mechanics::organ::{ElementKind, FiniteElementVentricle, RankParts, VentricleParts, VentricleWork};
 use cardiotwin_mechanics::parallel::ThreadSettings;
 use cardiotwin_mechanics::step::StepSettings;
-use cardiotwin_mesh::TetMesh;
 use cardiotwin_models::beat::{BeatOutcome, BeatSettings, run_observed};
 use cardiotwin_models::circulation::Circulation;
 use cardiotwin_models::effects::{InThreeDimensionsParts, LatePart, Surroundings, in_three_dimensions};
@@ -42,8 +41,8 @@ pub(super) struct Organ {
     pub(super) session: Option<Session>,
     pub(super) ventricle: FiniteElementVentricle,
     pub(super) circulation: Circulation,
-    /// Mesh of the image.
-    pub(super) mesh: TetMesh,
+    /// Nodes of the image's mesh, which only pictures need once the ranks have their parts.
+    pub(super) n_nodes: usize,
 }
 
 /// Simulates a beat of the ventricle that step 0 made.
@@ -60,7 +59,7 @@ pub(super) fn run(
         format!("{} nodes, {} tetrahedra", organ.figures.nodes, organ.figures.elements)
     });
     // The session is dropped after the ventricle.
-    let Organ { session: _session, mut ventricle, mut circulation, mesh } = assemble(spec, organ, context)?;
+    let Organ { session: _session, mut ventricle, mut circulation, n_nodes } = assemble(spec, organ, context)?;
     let seconds_setup = begun.elapsed().as_secs_f64();
     let begun = Instant::now();
     let length = spec.cycle_length_ms;
@@ -68,8 +67,8 @@ pub(super) fn run(
     let task = TaskSpec::OrganBeat(Box::new(spec.clone())).key().to_string();
     let earlier = BeatCheckpoint::first_of(&context.checkpoints.earlier_files(FILE), &task);
     let (mut before, mut resumed_at_ms) = (VentricleWork::default(), None);
-    let mut series = begin_series(spec, &mesh, &ventricle, context)?;
-    let mut shapes = Shapes::of(&ventricle, mesh.n_nodes());
+    let mut series = begin_series(spec, organ, &ventricle, context)?;
+    let mut shapes = Shapes::of(&ventricle, n_nodes);
     let own = context.checkpoints.own_file(FILE);
     let directory = context.artefacts.directory().to_owned();
     let rows_folder = own.as_ref().and_then(|file| file.parent()).unwrap_or(&directory);
@@ -94,7 +93,7 @@ pub(super) fn run(
             circulation.restore(&blood).map_err(TaskError::Circulation)?;
             tracing::info!("going on from a checkpoint at {} ms", ventricle.time().0);
             (before, resumed_at_ms) = (work, Some(ventricle.time().0));
-            shapes = seen.resumed(&ventricle, mesh.n_nodes());
+            shapes = seen.resumed(&ventricle, n_nodes);
             if let (Some(series), Some(attempt)) = (&mut series, file.ancestors().nth(2)) {
                 series.resume(attempt, progress.n_beats, ventricle.time().0 - progress.beat_start_ms)?;
             }
@@ -169,6 +168,7 @@ pub(super) fn run(
     if let BeatOutcome::Finished(result) = &outcome {
         let of_nodes = [ventricle.activation_times_ms().to_vec(), ventricle.node_weights().to_vec()];
         let unloaded = ventricle.unloaded_mm();
+        let mesh = StoredVentricle::read(&organ.ventricle)?.mesh;
         let drawn = heart::Organ { mesh: &mesh, unloaded, nodes: ventricle.nodes() };
         let mut fields = |sample| rows.stress_and_stretch(sample).map_err(not_kept);
         let fields = [fields(shapes.begin.sample)?, fields(shapes.smallest.sample)?];
@@ -203,7 +203,7 @@ pub(super) fn run(
 /// A series of VTU files, where one was asked for; its size is told before the rest of it is written.
 fn begin_series(
     spec: &OrganBeatSpec,
-    mesh: &TetMesh,
+    organ: &FiniteElementOrgan,
     ventricle: &FiniteElementVentricle,
     context: &mut Context,
 ) -> Result<Option<Series>, TaskError> {
@@ -212,6 +212,7 @@ fn begin_series(
     }
     let every_ms = context.vtu_every_ms.max(spec.time_step_ms);
     let with_calcium = !matches!(spec.contraction, ContractionSpec::Tanh { .. });
+    let mesh = StoredVentricle::read(&organ.ventricle)?.mesh;
     let (series, bytes) = Series::begin(context.artefacts.directory(), mesh, ventricle, every_ms, with_calcium)?;
     let n_frames = Series::n_frames_of(every_ms, spec.cycle_length_ms);
     let (frame, all) = (bytes as f64 * 1e-6, (n_frames * bytes) as f64 * 1e-6);
@@ -273,7 +274,7 @@ pub(super) fn assemble(
         }
     })?;
     let ((session, ventricle), circulation) = (made.0.map_err(TaskError::Organ)?, made.1);
-    Ok(Organ { session, ventricle, circulation, mesh: stored.mesh })
+    Ok(Organ { session, ventricle, circulation, n_nodes: stored.mesh.n_nodes() })
 }
 
 /// Does what rank 0 wants of this rank in a beat.
