@@ -579,7 +579,13 @@ pub fn troubled(root: &Path) -> RunRecord {
     )
     .expect("a temporary folder takes files");
 
-    run(root, "troubled <&> \"quoted\"", vec![pressure_only, no_passive_state, first_beat_failed, running, files_lost])
+    let mut waiting = finished(&folder, b, "not-begun");
+    waiting.status = status("not-begun", "-", "waiting");
+    clear_after(&mut waiting, 0);
+    waiting.step0 = None;
+
+    let patients = vec![pressure_only, no_passive_state, first_beat_failed, running, files_lost, waiting];
+    run(root, "troubled <&> \"quoted\"", patients)
 }
 
 fn clear_after(patient: &mut PatientRecord, iterations: usize) {

@@ -134,9 +134,12 @@ fn patients_in_trouble_say_what_is_missing_and_why() {
         "Step 2 did not run, since the patient failed before.",
         "The verification beat left no traces.",
         "has no usable columns `evaluations` and `best_cost`",
+        "not-begun ○ waiting",
     ] {
         assert!(text.contains(expected), "missing: {expected}");
     }
+    // Who has not begun has no step and no time.
+    assert!(!text.contains("-0 ms") && !text.contains("-: waiting"));
 }
 
 #[test]

@@ -64,7 +64,7 @@ pub fn table_1(run: &RunRecord) -> Table {
                 number(step1.map(|s| s.cost)),
                 step1.map_or(Value::Null, |s| json!(s.to_string())),
                 number(fit.map(|f| f.result.cost)),
-                number(Some(view.wall_s()).filter(|s| *s > 0.0)),
+                number(view.wall_s()),
             ]
         }),
     }

@@ -26,6 +26,8 @@ pub fn standing(patient: &PatientRecord) -> (&'static str, &'static str, String)
         (state @ ("failed" | "cancelled"), _) => {
             ("bad", "✕", format!("{state} in {}", step_name(&patient.status.step)))
         }
+        // Before its first task a patient is in no step.
+        (state, _) if patient.status.step == "-" => ("quiet", "○", state.to_owned()),
         (state, _) => ("quiet", "○", format!("{}: {state}", step_name(&patient.status.step))),
     }
 }
@@ -283,7 +285,7 @@ pub fn section(patient: &PatientRecord, signals: &Signals) -> Markup {
                 h2 { (patient.plan.id) }
                 span class={ "badge " (class) } { (sign) " " (words) }
                 span.quiet { "cycle " (significant(patient.plan.step0.cycle_length_ms, 4)) " ms" }
-                span.quiet { "computed in " (duration(PatientView(patient).wall_s())) }
+                @if let Some(seconds) = PatientView(patient).wall_s() { span.quiet { "computed in " (duration(seconds)) } }
             }
             (summary(patient))
             (flags(patient, signals))

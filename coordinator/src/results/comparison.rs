@@ -200,10 +200,10 @@ impl<'a> PatientView<'a> {
         tasks
     }
 
-    /// Wall time of all published tasks, seconds.
+    /// Wall time of all published tasks, seconds; `None` where none is published.
     #[must_use]
-    pub fn wall_s(self) -> f64 {
-        self.tasks().iter().map(|(_, _, _, p)| p.wall_s).sum()
+    pub fn wall_s(self) -> Option<f64> {
+        self.tasks().iter().map(|(_, _, _, p)| p.wall_s).reduce(|a, b| a + b)
     }
 }
 
