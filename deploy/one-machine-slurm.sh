@@ -3,7 +3,8 @@
 # slurmd "nodes", everything on 127.0.0.1 and under one folder. No system daemon, no /etc/slurm, no systemd, no cgroups.
 # Runs as whoever calls it (root or not); only installing packages needs root or sudo.
 #
-#   deploy/one-machine-slurm.sh start  FOLDER [options]   install what is missing, start; prints `export SLURM_CONF=…`
+#   deploy/one-machine-slurm.sh start  FOLDER [options]   install what is missing, start; prints `export SLURM_CONF=…`;
+#                                                         exit code 3: packages are missing, and cannot be installed here
 #   deploy/one-machine-slurm.sh status FOLDER [--json]    exit code 0: all daemons live; 1: some do not
 #   deploy/one-machine-slurm.sh stop   FOLDER [--keep-state]   end all daemons and jobs; removes what it made
 #   deploy/one-machine-slurm.sh kill   FOLDER NAME        kill -9 one daemon: n1, …, slurmctld, slurmdbd, mariadbd
@@ -127,12 +128,13 @@ install_packages() {
     [ ${#missing[@]} -gt 0 ] || return 0
     if [ "$(id -u)" = 0 ]; then how=""; elif command -v sudo >/dev/null && sudo -n true 2>/dev/null; then how="sudo -n"; fi
     if [ "$INSTALL" = no ] || [ "$how" = none ] || ! command -v apt-get >/dev/null; then
-        fail "missing: ${missing[*]} (Debian package names); install them and run this again"
+        say "missing: ${missing[*]} (Debian package names); install them and run this again"
+        exit 3
     fi
     say "installing with apt-get: ${missing[*]}"
     local apt=($how env DEBIAN_FRONTEND=noninteractive apt-get -q -o Acquire::Retries=3 -o DPkg::Lock::Timeout=300)
     "${apt[@]}" update >&2 || say "apt-get update failed; trying with the lists as they are"
-    "${apt[@]}" -y --no-install-recommends install "${missing[@]}" >&2
+    "${apt[@]}" -y --no-install-recommends install "${missing[@]}" >&2 || { say "missing: ${missing[*]}, which apt-get could not install"; exit 3; }
 }
 port_is_free() { ! (exec 3<>"/dev/tcp/127.0.0.1/$1") 2>/dev/null; }
 free_ports() { # how many in a row; prints the first
@@ -231,9 +233,14 @@ CONF
     [ -z "$MORE_CONF" ] || cat "$MORE_CONF" >>"$SLURM_CONF"
 }
 write_cgroup_conf() { # newer ones set cgroups up even where no plugin wants them, and fail where they may not
-    local version
+    local version plugin=""
     version=$(slurmd -V | sed 's/[^0-9]*//')
-    if printf '%s\n' 23.11 "$version" | sort -V -C; then echo CgroupPlugin=disabled >"$ROOT/etc/cgroup.conf"; fi
+    if printf '%s\n' 23.11 "$version" | sort -V -C; then
+        plugin=disabled
+    elif [ -z "$(ls -A /sys/fs/cgroup 2>/dev/null)" ]; then
+        plugin=cgroup/v1 # older ones fail at guessing where no cgroups are mounted, as in a chroot
+    fi
+    [ -z "$plugin" ] || echo "CgroupPlugin=$plugin" >"$ROOT/etc/cgroup.conf"
 }
 write_slurmdbd_conf() {
     (

@@ -1,6 +1,7 @@
 //! The real binaries on a two-patient cohort: whole runs, changes, requests, stops, damage. Seconds each; nothing is
 //! mocked. `make test` builds the binaries first; by hand: `cargo build --release --workspace --bins`.
 
+mod access;
 mod afterload;
 mod book;
 mod damage;

@@ -129,6 +129,9 @@ pub fn seven_patients_in_3d_survive_kills(cluster: &Cluster) {
     println!("seven patients in 3D, {} jobs, {:.0} s: {tally:?}", cohort.jobs().len(), began.elapsed().as_secs_f64());
 }
 
+/// How long three kills of four wait for a worker to be at work.
+const WAIT: Duration = Duration::from_secs(20);
+
 /// A series of numbers that look random.
 struct Series(u64);
 
@@ -139,12 +142,13 @@ impl Series {
     }
 }
 
-/// `CARDIOTWIN_KILLS` kills (100) of whatever is there, over as many cohorts as that takes; its table is in docs/slurm.md.
+/// `CARDIOTWIN_KILLS` kills (100) over as many cohorts as that takes, three of four waiting for a worker at work; its table
+/// is in docs/slurm.md.
 pub fn a_hundred_random_kills(cluster: &Cluster) {
     let number = |name: &str, else_: u64| std::env::var(name).ok().and_then(|n| n.parse().ok()).unwrap_or(else_);
     let (wanted, mut series) = (number("CARDIOTWIN_KILLS", 100), Series(number("CARDIOTWIN_SEED", 1)));
     let mut kills: BTreeMap<&str, u64> = BTreeMap::new();
-    let (mut total, mut n_cohorts, mut n_jobs) = (Tally::default(), 0, 0);
+    let (mut total, mut n_cohorts, mut n_jobs, mut at_work) = (Tally::default(), 0, 0, 0);
     let began = Instant::now();
     while kills.values().sum::<u64>() < wanted {
         let cohort = Cohort::of(cluster, &["01-CoA", "02-CoA", "03-CoA", "05-CoA"], STEP2)
@@ -157,8 +161,10 @@ pub fn a_hundred_random_kills(cluster: &Cluster) {
         let mut coordinator = Coordinator::start(&cohort);
         let mut down: Vec<(&str, Instant)> = Vec::new();
         let since = Instant::now();
+        // How long the next kill waits for work that it can hurt: with a kill a second, nothing would ever run.
+        let mut waits_until = Instant::now() + WAIT;
         while !coordinator.is_over() {
-            assert!(since.elapsed() < Duration::from_secs(900), "it does not end: {:#}", cohort.status());
+            assert!(since.elapsed() < Duration::from_secs(3600), "it does not end: {:#}", cohort.status());
             // Daemons come back after a while: a slurmd sooner or later than its jobs are given up.
             down.retain(|(daemon, at)| {
                 let is_due = at <= &Instant::now();
@@ -175,6 +181,11 @@ pub fn a_hundred_random_kills(cluster: &Cluster) {
             if kills.values().sum::<u64>() >= wanted {
                 continue;
             }
+            let is_working = !cohort.workers().is_empty();
+            if !is_working && Instant::now() < waits_until {
+                continue;
+            }
+            waits_until = Instant::now() + if series.below(4) == 0 { Duration::ZERO } else { WAIT };
             let pick =
                 |series: &mut Series, of: Vec<PathBuf>| (!of.is_empty()).then(|| of[series.below(of.len())].clone());
             let killed = match series.below(6) {
@@ -201,6 +212,7 @@ pub fn a_hundred_random_kills(cluster: &Cluster) {
             };
             if let Some(kind) = killed {
                 *kills.entry(kind).or_default() += 1;
+                at_work += u64::from(is_working);
             }
         }
         cohort.assert_done();
@@ -210,5 +222,8 @@ pub fn a_hundred_random_kills(cluster: &Cluster) {
         drop(coordinator);
         cluster.recover();
     }
-    println!("{kills:?}, {n_cohorts} cohorts, {n_jobs} jobs, {:.0} s: {total:?}", began.elapsed().as_secs_f64());
+    println!(
+        "{kills:?}, {at_work} of them while a worker was at work, {n_cohorts} cohorts, {n_jobs} jobs, {:.0} s: {total:?}",
+        began.elapsed().as_secs_f64()
+    );
 }

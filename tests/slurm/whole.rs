@@ -1,6 +1,7 @@
 //! Cohorts from end to end.
 
 use std::fs;
+use std::os::unix::fs::PermissionsExt as _;
 use std::path::Path;
 
 use rustix::process::Signal;
@@ -10,13 +11,20 @@ use crate::cohort::{Cohort, QUICK, signal};
 
 pub fn a_cohort_is_done_after_one_wait_in_the_queue(cluster: &Cluster) {
     let patients = ["01-CoA", "02-CoA", "03-CoA", "05-CoA"];
-    let cohort = Cohort::of(cluster, &patients, QUICK);
+    let cohort = Cohort::of(cluster, &patients, QUICK).set("executor.notices.command=[\"./hook\"]");
+    let (hook, heard) = (cohort.folder.path().join("hook"), cohort.folder.path().join("heard"));
+    fs::write(&hook, format!("#!/bin/sh\ncat >> '{}'\n", heard.display())).expect("a hook");
+    fs::set_permissions(&hook, fs::Permissions::from_mode(0o755)).expect("it is ours");
     let first = cohort.advance();
     assert_eq!(first.code, 8, "{first:?}");
     assert!(first.err.contains("cardiotwin advance"), "{first:?}");
     assert_eq!(cohort.finish(), 0);
     cohort.assert_done();
     assert_eq!(cohort.jobs().len(), 1, "one array, whatever the number of iterations");
+    // Ticks come and go; the one that ends it tells so, and no later one.
+    cohort.advance();
+    let told = fs::read_to_string(&heard).expect("the hook was called");
+    assert_eq!(told.matches("\"event\": \"done\"").count(), 1, "{told}");
     let outcomes = cohort.attempts_with("outcome.json").len();
     assert!(outcomes > 5 * patients.len(), "{outcomes} simulations in one job");
     assert_eq!(outcomes, cohort.attempts_with("started.json").len(), "nothing was begun twice");
