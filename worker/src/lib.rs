@@ -18,6 +18,7 @@ pub mod files;
 pub mod finite_element;
 pub mod igb;
 pub mod inputs;
+pub mod memory;
 pub mod nodal;
 pub mod opencarp;
 pub mod process;

@@ -9,6 +9,7 @@ use cardiotwin_worker::bench;
 use cardiotwin_worker::benchmark::run_benchmark;
 use cardiotwin_worker::checkpoint::Checkpoints;
 use cardiotwin_worker::context::Context;
+use cardiotwin_worker::memory::return_large_blocks;
 use cardiotwin_worker::opencarp;
 use cardiotwin_worker::program::{code_of, log, make_folder, read_task, restarting};
 use cardiotwin_worker::provenance::VERSION_TEXT;
@@ -132,6 +133,7 @@ enum Kernel {
 }
 
 fn main() -> ExitCode {
+    return_large_blocks();
     match execute(Cli::parse().command) {
         Ok(code) => code,
         Err(error) => {

@@ -14,6 +14,7 @@ use cardiotwin_schemas::task::AttemptSpec;
 use cardiotwin_worker::bench;
 use cardiotwin_worker::checkpoint::Checkpoints;
 use cardiotwin_worker::context::Context;
+use cardiotwin_worker::memory::return_large_blocks;
 use cardiotwin_worker::program::{EXIT_FAILED, code_of, log, make_folder, read, read_task, restarting};
 use cardiotwin_worker::provenance::VERSION_TEXT;
 use cardiotwin_worker::run::{run_attempt, simulate};
@@ -125,6 +126,7 @@ enum Command {
 }
 
 fn main() -> ExitCode {
+    return_large_blocks();
     let cli = Cli::parse();
     let (ranks, directory) = match &cli.command {
         Command::Run { directory, ranks, .. } => (ranks, Some(directory.clone())),

@@ -155,8 +155,10 @@ impl Body {
         })?;
         let n_rows = input.layout.n_owned;
         let pattern = Arc::new(Pattern::of_elements(n_rows, input.tets.iter().map(|t| (&t[..], &t[..]))));
-        let coupling_pattern = (input.volume != VolumeChange::Pointwise)
-            .then(|| Arc::new(Pattern::of_elements(n_rows, input.tets.iter().map(|t| (&t[..], &t[..4])))));
+        let coupling_pattern = (input.volume != VolumeChange::Pointwise).then(|| match N {
+            4 => pattern.clone(),
+            _ => Arc::new(Pattern::of_elements(n_rows, input.tets.iter().map(|t| (&t[..], &t[..4])))),
+        });
         let field = Field::new(batches, &pattern, coupling_pattern.as_deref());
         let mut body = Self {
             elements: Box::new(field),

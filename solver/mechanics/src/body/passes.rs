@@ -67,7 +67,9 @@ pub(super) struct Field<const N: usize, const Q: usize> {
     shape: [[f64; 4]; Q],
     /// Slots of the pairs `(a, b)`, `a · N + b`, one a lane.
     slots: Vec<[[u32; BATCH]; N]>,
-    /// Slots of the couplings `(a, vertex)`, `a · 4 + v`; empty for a pointwise penalty.
+    /// Whether volume changes are nodal.
+    nodal: bool,
+    /// Slots of the couplings `(a, vertex)`, `a · 4 + v`; empty for linear elements, whose nodes are all vertices: `slots`.
     coupling_slots: Vec<[u32; BATCH]>,
 }
 
@@ -81,7 +83,7 @@ impl<const N: usize, const Q: usize> Field<N, Q> {
                     std::array::from_fn(|lane| pattern.slot(batch.nodes[a][lane], batch.nodes[b][lane]))
                 }));
             }
-            if let Some(coupling) = coupling {
+            if let Some(coupling) = coupling.filter(|_| N > 4) {
                 for a in 0..N {
                     for v in 0..4 {
                         coupling_slots.push(std::array::from_fn(|lane| {
@@ -91,7 +93,7 @@ impl<const N: usize, const Q: usize> Field<N, Q> {
                 }
             }
         }
-        Self { batches, shape: vertex_values::<Q>(), slots, coupling_slots }
+        Self { batches, shape: vertex_values::<Q>(), slots, nodal: coupling.is_some(), coupling_slots }
     }
 
     #[inline(always)]
@@ -255,11 +257,11 @@ impl<const N: usize, const Q: usize> Field<N, Q> {
             }
         }
         if let Some(coupling) = &mut tangent.coupling {
-            let slots = &self.coupling_slots[idx * N * 4..(idx + 1) * N * 4];
             for lane in 0..n_lanes {
                 for a in 0..N {
                     for v in 0..4 {
-                        let slot = slots[a * 4 + v][lane];
+                        let slot =
+                            if N == 4 { slots[a][v][lane] } else { self.coupling_slots[(idx * N + a) * 4 + v][lane] };
                         if slot != NO_SLOT {
                             let to = &mut coupling.blocks[slot as usize];
                             for i in 0..3 {
@@ -285,7 +287,7 @@ impl<const N: usize, const Q: usize> Field<N, Q> {
         tangent: &mut PackedTangent,
     ) {
         let slots = &self.slots[idx * N..(idx + 1) * N];
-        let nodal = !self.coupling_slots.is_empty();
+        let nodal = self.nodal;
         let mut single = [[[0.0_f32; BATCH]; 9]; 10];
         for (to, from) in single.iter_mut().zip(&scratch.stiffness) {
             for k in 0..9 {

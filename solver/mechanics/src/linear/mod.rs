@@ -8,6 +8,7 @@ mod krylov;
 mod multigrid;
 mod packed;
 mod preconditioner;
+mod prefetch;
 mod tangent;
 
 pub use assembled::{Assembled, Operator, Sink};

@@ -10,6 +10,7 @@ use std::sync::Arc;
 use pulp::{Arch, Simd, WithSimd};
 
 use super::assembled::{Assembled, Operator, Sink};
+use super::prefetch::prefetch;
 use super::{NO_SLOT, Pattern};
 use crate::parallel::Space;
 
@@ -71,6 +72,7 @@ impl WithSimd for Rows<'_> {
         let starts = &matrix.pattern.row_start;
         for (row, (y, p)) in y.iter_mut().zip(p).enumerate() {
             let range = starts[row] as usize..starts[row + 1] as usize;
+            prefetch(&matrix.blocks, &range);
             let mut sum = [0.0_f64; 4];
             for (PackedBlock(block), column) in matrix.blocks[range.clone()].iter().zip(&matrix.pattern.column[range]) {
                 let v = &x[*column as usize];
@@ -96,6 +98,7 @@ impl WithSimd for Pressures<'_> {
         let starts = &matrix.pattern.row_start;
         for (row, y) in y.iter_mut().enumerate() {
             let range = starts[row] as usize..starts[row + 1] as usize;
+            prefetch(&matrix.volumes, &range);
             let mut sum = [0.0_f64; 4];
             for (PackedVolume(g), column) in matrix.volumes[range.clone()].iter().zip(&matrix.pattern.column[range]) {
                 let p = p[*column as usize];

@@ -2,7 +2,8 @@
 //!
 //! A reduction is one post of each rank on its own desk, which all others read: two sets of values take turns, so that a rank
 //! that is ahead overwrites nothing that another still reads. Halos pass through a letterbox for each pair of ranks. A rank
-//! that waits spins for some microseconds, then sleeps: on a busy machine others need the core.
+//! that waits spins for some microseconds, then looks between offers of its core to whoever else would run, then sleeps: on a
+//! busy machine others need the core, and on an idle one to be woken takes longer than what most waits are for.
 //!
 //! Nothing waits for ever: when a rank fails, leaves before its time, or lets another wait for longer than
 //! [`ThreadSettings::patience`], all ranks end with one [`RankFailure`].
@@ -20,8 +21,10 @@ use super::{Communicator, Layout};
 
 /// Values that one post holds; longer lists go in several.
 const POST: usize = 16;
-/// How often a rank that waits looks before it sleeps.
+/// How often a rank that waits looks before it offers its core to others.
 const SPINS: usize = 500;
+/// How often it does that before it sleeps.
+const YIELDS: usize = 500;
 
 /// Settings of a group.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -167,6 +170,12 @@ impl ThreadRank {
                 return;
             }
             std::hint::spin_loop();
+        }
+        for _ in 0..YIELDS {
+            if done() {
+                return;
+            }
+            std::thread::yield_now();
         }
         let group = &*self.group;
         let mut bed = locked(&group.bed);

@@ -1,6 +1,7 @@
 //! Sparse matrices of small dense blocks in single precision: the matrices of the levels, and the prolongations between them.
 
 use crate::linear::Pattern;
+use crate::linear::prefetch::prefetch;
 
 /// A dense block: `C` columns of `W` numbers, of which the last may be padding, zero.
 pub(super) type Block<const W: usize, const C: usize> = [[f32; W]; C];
@@ -18,12 +19,29 @@ impl<const W: usize, const C: usize> Blocks<W, C> {
         Self { pattern: Pattern { row_start: vec![0], column: vec![] }, blocks: vec![] }
     }
 
+    /// Without rows, with room for so many and their blocks.
+    pub(super) fn with_capacity(n_rows: usize, n_blocks: usize) -> Self {
+        let mut row_start = Vec::with_capacity(n_rows + 1);
+        row_start.push(0);
+        Self {
+            pattern: Pattern { row_start, column: Vec::with_capacity(n_blocks) },
+            blocks: Vec::with_capacity(n_blocks),
+        }
+    }
+
+    /// Gives room for more blocks back.
+    pub(super) fn shrink(&mut self) {
+        self.pattern.column.shrink_to_fit();
+        self.blocks.shrink_to_fit();
+    }
+
     /// `y += k A x`.
     #[inline(always)]
     pub(super) fn add_product<const V: usize>(&self, k: f32, x: &[[f32; V]], y: &mut [[f32; W]]) {
         for (row, y) in y.iter_mut().enumerate() {
             let mut sum = [0.0_f32; W];
             let range = self.pattern.row(row);
+            prefetch(self.blocks.as_flattened(), &(range.start * C..range.end * C));
             for (block, column) in self.blocks[range.clone()].iter().zip(&self.pattern.column[range]) {
                 let v = &x[*column as usize];
                 for j in 0..C {
@@ -44,6 +62,7 @@ impl<const W: usize, const C: usize> Blocks<W, C> {
         y.fill([0.0; V]);
         for (row, v) in x.iter().enumerate() {
             let range = self.pattern.row(row);
+            prefetch(self.blocks.as_flattened(), &(range.start * C..range.end * C));
             for (block, column) in self.blocks[range.clone()].iter().zip(&self.pattern.column[range]) {
                 let y = &mut y[*column as usize];
                 for j in 0..C {

@@ -3,6 +3,8 @@
 //! Columns are numbers of groups over all ranks. Each rank makes the rows of its own nodes; of others it needs the prolongation of
 //! its ghosts, and what nodes of neighbours add to its groups.
 
+use std::collections::BTreeMap;
+
 use super::blocks::{Block, Blocks, Row, add_times, add_transposed_times};
 use super::halo::{Halo, owner_of};
 use crate::parallel::Communicator;
@@ -38,6 +40,7 @@ pub(super) fn smoothed<const W: usize, const B: usize>(
         }
         row.append_to(&mut out);
     }
+    out.shrink();
     out
 }
 
@@ -55,8 +58,8 @@ fn unpack<const W: usize>(from: &[f64]) -> (u32, Block<W, 6>, &[f64]) {
     (own[0] as u32, block, rest)
 }
 
-/// Rows of own nodes, and those of ghosts below them. Collective.
-fn with_ghosts<const W: usize>(comm: &dyn Communicator, halo: &Halo, p: &Blocks<W, 6>) -> Blocks<W, 6> {
+/// Rows of ghosts, in their order. Collective.
+fn of_ghosts<const W: usize>(comm: &dyn Communicator, halo: &Halo, p: &Blocks<W, 6>) -> Blocks<W, 6> {
     let lists: Vec<Vec<f64>> = halo
         .sent()
         .map(|nodes| {
@@ -69,7 +72,7 @@ fn with_ghosts<const W: usize>(comm: &dyn Communicator, halo: &Halo, p: &Blocks<
             list
         })
         .collect();
-    let mut out = p.clone();
+    let mut out = Blocks::empty();
     // Ghosts follow the own nodes in the order of their owners.
     for list in halo.exchange(comm, &lists) {
         let mut rest = &list[..];
@@ -89,6 +92,9 @@ fn with_ghosts<const W: usize>(comm: &dyn Communicator, halo: &Halo, p: &Blocks<
 
 /// `Pᵀ A P`: rows of own groups. Collective.
 ///
+/// A row of `A P` lives no longer than what it adds to the groups that its node reaches: the whole product is several times as
+/// large as the result.
+///
 /// - `first`: first group of each rank
 pub(super) fn galerkin<const W: usize, const B: usize>(
     comm: &dyn Communicator,
@@ -98,46 +104,39 @@ pub(super) fn galerkin<const W: usize, const B: usize>(
     first: &[u32],
 ) -> Blocks<8, 6> {
     let n = p.pattern.n_rows();
-    // Groups that own rows of P reach, and which rows reach each.
-    let mut reached = p.pattern.column.clone();
-    reached.sort_unstable();
-    reached.dedup();
-    let place = |c: u32| reached.partition_point(|r| *r < c);
-    let mut start = vec![0_u32; reached.len() + 1];
-    for c in &p.pattern.column {
-        start[place(*c) + 1] += 1;
-    }
-    for k in 0..reached.len() {
-        start[k + 1] += start[k];
-    }
-    let mut next = start.clone();
-    let mut reaching = vec![(0_u32, 0_u32); p.pattern.column.len()];
-    for row in 0..n {
-        for slot in p.pattern.row(row) {
-            let at = &mut next[place(p.pattern.column[slot])];
-            reaching[*at as usize] = (row as u32, slot as u32);
-            *at += 1;
-        }
-    }
-    let product = product(matrix, &with_ghosts(comm, halo, p));
+    let ghosts = of_ghosts(comm, halo, p);
     let (begin, end) = (first[comm.rank()], first[comm.rank() + 1]);
     let mut own: Vec<Row<8, 6>> = (begin..end).map(|_| Row::new()).collect();
-    let mut lists: Vec<Vec<f64>> = vec![vec![]; halo.neighbours().len()];
-    for (c, reach) in reached.iter().zip(start.windows(2)) {
-        let mut other = Row::<8, 6>::new();
-        let is_own = (begin..end).contains(c);
-        let row = if is_own { &mut own[(c - begin) as usize] } else { &mut other };
-        for (k, slot) in &reaching[reach[0] as usize..reach[1] as usize] {
-            for q in product.pattern.row(*k as usize) {
-                add_transposed_times(&p.blocks[*slot as usize], &product.blocks[q], row.at(product.pattern.column[q]));
+    let mut of_others = BTreeMap::<u32, Row<8, 6>>::new();
+    let mut product = Row::<W, 6>::new();
+    for k in 0..n {
+        product.clear();
+        for slot in matrix.pattern.row(k) {
+            let column = matrix.pattern.column[slot] as usize;
+            let (p, row) = if column < n { (p, column) } else { (&ghosts, column - n) };
+            for q in p.pattern.row(row) {
+                add_times(&matrix.blocks[slot], &p.blocks[q], product.at(p.pattern.column[q]));
             }
         }
-        if !is_own {
-            let owner = owner_of(first, *c);
-            let to = halo.neighbours().binary_search(&owner).expect("own nodes reach groups of neighbours alone");
-            lists[to].extend([f64::from(*c), other.len() as f64]);
-            other.iter().for_each(|(column, block)| pack(column, block, &mut lists[to]));
+        for slot in p.pattern.row(k) {
+            let c = p.pattern.column[slot];
+            let row = if (begin..end).contains(&c) {
+                &mut own[(c - begin) as usize]
+            } else {
+                of_others.entry(c).or_insert_with(Row::new)
+            };
+            for (column, block) in product.iter() {
+                add_transposed_times(&p.blocks[slot], block, row.at(column));
+            }
         }
+    }
+    drop(ghosts);
+    let mut lists: Vec<Vec<f64>> = vec![vec![]; halo.neighbours().len()];
+    for (c, row) in of_others {
+        let owner = owner_of(first, c);
+        let to = halo.neighbours().binary_search(&owner).expect("own nodes reach groups of neighbours alone");
+        lists[to].extend([f64::from(c), row.len() as f64]);
+        row.iter().for_each(|(column, block)| pack(column, block, &mut lists[to]));
     }
     for list in halo.exchange(comm, &lists) {
         let mut rest = &list[..];
@@ -152,23 +151,7 @@ pub(super) fn galerkin<const W: usize, const B: usize>(
             }
         }
     }
-    let mut out = Blocks::empty();
-    own.iter().for_each(|row| row.append_to(&mut out));
-    out
-}
-
-/// `A P`, rows of own nodes.
-fn product<const W: usize, const B: usize>(matrix: &Blocks<W, B>, p: &Blocks<W, 6>) -> Blocks<W, 6> {
-    let mut out = Blocks::empty();
-    let mut row = Row::<W, 6>::new();
-    for k in 0..matrix.pattern.n_rows() {
-        row.clear();
-        for slot in matrix.pattern.row(k) {
-            for q in p.pattern.row(matrix.pattern.column[slot] as usize) {
-                add_times(&matrix.blocks[slot], &p.blocks[q], row.at(p.pattern.column[q]));
-            }
-        }
-        row.append_to(&mut out);
-    }
+    let mut out = Blocks::with_capacity(own.len(), own.iter().map(Row::len).sum());
+    own.into_iter().for_each(|row| row.append_to(&mut out));
     out
 }
