@@ -121,9 +121,9 @@ $(VERIFY)/ep-%.txt:
 	$(BIN)/examples/electrophysiology-figures $* > $@.part && mv $@.part $@
 
 KILLS ?= 10000
-slurm-kills: build ## kill everything that can be killed during cohorts on a real Slurm of this machine, and on the modelled one (about an hour)
-	CARDIOTWIN_KILLS=$(KILLS) $(CARGO) test --release --locked --package cardiotwin --lib random_kills -- --nocapture
-	$(CARGO) test --release --locked --package cardiotwin-tests --test slurm -- --ignored
+slurm-kills: build ## kill everything that can be killed during cohorts on a real Slurm of this machine, and on the modelled one (25 minutes)
+	CARDIOTWIN_KILLS=$(KILLS) $(CARGO) test --release --locked --workspace --lib random_kills -- --nocapture
+	$(CARGO) test --release --locked --workspace --test slurm -- --ignored
 
 clean-run: ## forget the results of the bundled cohort, so that `make demo` starts anew
 	rm -rf -- $(COHORT)/run $(COHORT)/discover
