@@ -81,8 +81,9 @@ part "build the tests" "$CARGO" test --release --locked --workspace --no-run
 
 part "unit tests, JSON Schemas are current" "$CARGO" test --release --locked --workspace --lib --bins -q
 part "documentation's examples" "$CARGO" test --release --locked --workspace --doc -q
-for target in $(integration_targets | sort -u | grep -vx mpi); do
-    part "tests: $target" "$CARGO" test --release --locked --workspace --test "$target" -q
+target_part() { part "tests: $1" "$CARGO" test --release --locked --workspace --test "$1" -q; }
+for target in $(integration_targets | sort -u | grep -vxE 'mpi|slurm'); do
+    target_part "$target"
 done
 
 # The worker on MPI ranks, where an MPI is found; MPICH's: `make test-mpich`.
@@ -94,6 +95,8 @@ if missing=$(deploy/mpi-found.sh); then
 else
     skipped "tests: mpi" "$missing"
 fi
+# After it: one of its tests runs that worker on ranks of a job.
+target_part slurm
 
 if $CARGO clippy --version >/dev/null 2>&1; then
     part "clippy, warnings are errors" "$CARGO" clippy --release --locked --workspace "${with_mpi[@]}" --all-targets -- -D warnings
