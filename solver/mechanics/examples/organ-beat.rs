@@ -5,6 +5,7 @@
 
 use std::time::Instant;
 
+use cardiotwin_mechanics::element::kernel::VolumeChange;
 use cardiotwin_mechanics::newton::LinearSolver;
 use cardiotwin_mechanics::organ::passive_fit::fit;
 use cardiotwin_mechanics::organ::{
@@ -14,7 +15,7 @@ use cardiotwin_mechanics::organ::{
 use cardiotwin_mechanics::step::StepSettings;
 use cardiotwin_mesh::eikonal::{Conduction, activation_ms};
 use cardiotwin_mesh::ellipsoid::{EllipsoidSpec, generate};
-use cardiotwin_mesh::fibres::{Angles, Longitudinal, fields, frames};
+use cardiotwin_mesh::fibres::{Angles, make};
 use cardiotwin_mesh::order::Renumbering;
 use cardiotwin_mesh::tags;
 use cardiotwin_models::beat::{BeatOutcome, BeatSettings, run_beats};
@@ -40,6 +41,12 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         "pointwise" => ElementKind::LINEAR_POINTWISE,
         _ => ElementKind::LINEAR_NODAL,
     };
+    let share = argument("share", f64::NAN);
+    let volume = match kind.volume {
+        VolumeChange::Nodal { .. } if share >= 0.0 => VolumeChange::Nodal { pointwise_share: share },
+        volume => volume,
+    };
+    let kind = ElementKind { volume, ..kind };
     let linear = match argument("linear", "jacobi".to_owned()).as_str() {
         "direct" => LinearSolver::Direct,
         "sweep" => LinearSolver::SymmetricSweep,
@@ -50,10 +57,13 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let made = generate(&EllipsoidSpec::new(Ml(cavity), Ml(140.0), argument("nodes", 2000)))?;
     let mut mesh = Renumbering::reverse_cuthill_mckee(&made.mesh).apply(&made.mesh);
     let muscle = [tags::LEFT_VENTRICLE];
-    let found = fields(&mesh, &muscle, Longitudinal::FromBase)?;
-    mesh.frames = frames(&mesh, &muscle, &found, &Angles::default());
+    let turn = argument("turn", 60.0);
+    make(&mut mesh, &muscle, &Angles { alpha_endo_deg: turn, alpha_epi_deg: -turn, ..Angles::default() })?;
     let conduction = Conduction::of_left_ventricle(&made.shape.fascicles());
     let times = activation_ms(&mesh, &conduction)?;
+    if argument("nodal", 1) == 0 {
+        mesh.fibres = cardiotwin_mesh::NodeFibres::PerElement;
+    }
     let anatomy = Anatomy::of(&mesh, &muscle, kind)?;
     println!(
         "{} nodes, {} tets, {} degrees of freedom; mesh, fibres, activation {:.2} s",
@@ -81,6 +91,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         c if c > 0.0 => {
             let mut wall = WallParameters::default();
             wall.muscle.c_kpa = c;
+            wall.rim_spring = argument("rim", wall.rim_spring);
+            wall.epicardial_spring = argument("epi", wall.epicardial_spring);
             let mut state = PassiveState::unloaded_image(&Piece::whole(&anatomy), &wall)?;
             state.inflate(edp / MMHG_PER_KPA, &mut search)?;
             Fitted { state, wall, slope: None }

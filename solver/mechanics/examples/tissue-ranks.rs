@@ -38,7 +38,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         let most = first.activation_ms.iter().zip(&found.activation_ms).map(apart).fold(0.0, f64::max);
         println!(
             "  fibres the same to the bit: {}; times differ by {most:.1e} ms at most",
-            first.frames == found.frames
+            first.fibres == found.fibres
         );
     }
     Ok(())

@@ -21,6 +21,7 @@ pub mod body;
 pub mod boundary;
 pub mod dynamics;
 pub mod element;
+pub mod fibre_parcel;
 pub mod linear;
 pub mod material;
 pub mod newton;

@@ -5,13 +5,14 @@
 //! ([`cardiotwin_mesh::joint`]), times to round-off, 1e-10 ms.
 
 use cardiotwin_mesh::eikonal::{Conduction, EikonalError, Site, Speeds, activation_of_part};
-use cardiotwin_mesh::fibres::{Angles, Longitudinal, fields_of_part, frames_of_part};
+use cardiotwin_mesh::fibres::{Angles, Longitudinal, fields_of_part, frames_at_centroids, rule_of_part};
 use cardiotwin_mesh::joint::Joint;
 use cardiotwin_mesh::laplace::LaplaceError;
 use cardiotwin_mesh::surface::Surface;
-use cardiotwin_mesh::{Frame, TetMesh};
+use cardiotwin_mesh::{Frame, NodeFibres, TetMesh};
 use cardiotwin_units::Ms;
 
+use crate::fibre_parcel::{self, WALL_WIDTH, angle_numbers, angles_of, wall_numbers, wall_of};
 use crate::parallel::{
     Communicator, Opened, Parcel, Part, PartitionError, RankFailure, SingleProcess, ThreadSettings, on_threads, owners,
 };
@@ -50,8 +51,8 @@ pub struct TissueJob {
 /// What was found of the whole mesh; empty on all ranks but rank 0.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Tissue {
-    /// Frames, one per element, where fibres were wanted.
-    pub frames: Vec<Frame>,
+    /// Fibre directions at nodes, where fibres were wanted.
+    pub fibres: NodeFibres,
     /// Activation times of nodes \[ms\], where they were wanted; infinite at nodes that do not conduct.
     pub activation_ms: Vec<f64>,
 }
@@ -111,6 +112,7 @@ fn part_of(mesh: &TetMesh, part: &Part) -> TetMesh {
         tets: elements().map(|e| mesh.tets[e].map(here)).collect(),
         tags: elements().map(|e| mesh.tags[e]).collect(),
         frames: if mesh.frames.is_empty() { vec![] } else { elements().map(|e| mesh.frames[e]).collect() },
+        fibres: mesh.fibres.at(part.nodes.iter().map(|node| *node as usize)),
         surfaces: mesh.surfaces.iter().map(surface).collect(),
     }
 }
@@ -141,6 +143,7 @@ fn pack_mesh(mesh: &TetMesh, to: &mut Parcel) {
     to.numbers(mesh.nodes_mm.as_flattened()).indices(mesh.tets.as_flattened());
     pack_tags(&mesh.tags, to);
     to.numbers(mesh.frames.iter().map(numbers).collect::<Vec<_>>().as_flattened().as_flattened());
+    fibre_parcel::pack(&mesh.fibres, to);
     to.indices(&[mesh.surfaces.len() as u32]);
     for Surface { name, triangles } in &mesh.surfaces {
         to.indices(&name.bytes().map(u32::from).collect::<Vec<u32>>()).indices(triangles.as_flattened());
@@ -152,6 +155,7 @@ fn unpack_mesh(from: &mut Opened<'_>) -> TetMesh {
     let tets = from.indices().as_chunks().0.to_vec();
     let tags = unpack_tags(from);
     let frames = from.numbers().as_chunks::<3>().0.as_chunks::<3>().0.iter().map(|axes| frame(*axes)).collect();
+    let fibres = fibre_parcel::unpack(from);
     let n_surfaces = from.indices()[0];
     let mut surface = |_| {
         let name: Vec<u8> = from.indices().into_iter().map(|byte| byte as u8).collect();
@@ -159,15 +163,13 @@ fn unpack_mesh(from: &mut Opened<'_>) -> TetMesh {
         Surface { name: String::from_utf8_lossy(&name).into_owned(), triangles }
     };
     let surfaces = (0..n_surfaces).map(&mut surface).collect();
-    TetMesh { nodes_mm, tets, tags, frames, surfaces }
+    TetMesh { nodes_mm, tets, tags, frames, fibres, surfaces }
 }
 
 impl TissueJob {
     fn pack(&self, to: &mut Parcel) {
         pack_tags(&self.muscle, to);
-        to.numbers(
-            &self.fibres.map_or(vec![], |a| vec![a.alpha_endo_deg, a.alpha_epi_deg, a.beta_endo_deg, a.beta_epi_deg]),
-        );
+        to.numbers(self.fibres.as_ref().map(angle_numbers).as_ref().map_or(&[], |angles| &angles[..]));
         to.flags(&[self.conduction.is_some()]);
         if let Some(Conduction { speeds, endocardial_speed, tags, sites }) = &self.conduction {
             to.numbers(&[speeds.fibre, speeds.sheet, speeds.normal]);
@@ -180,15 +182,7 @@ impl TissueJob {
 
     fn unpack(from: &mut Opened<'_>) -> Self {
         let muscle = unpack_tags(from);
-        let fibres = match from.numbers() {
-            [alpha_endo_deg, alpha_epi_deg, beta_endo_deg, beta_epi_deg] => Some(Angles {
-                alpha_endo_deg: *alpha_endo_deg,
-                alpha_epi_deg: *alpha_epi_deg,
-                beta_endo_deg: *beta_endo_deg,
-                beta_epi_deg: *beta_epi_deg,
-            }),
-            _ => None,
-        };
+        let fibres = angles_of(from.numbers());
         let conduction = from.flags()[0].then(|| {
             let speeds = from.numbers();
             let speeds = Speeds { fibre: speeds[0], sheet: speeds[1], normal: speeds[2] };
@@ -203,25 +197,24 @@ impl TissueJob {
 
     /// A rank's part. Collective.
     fn run(&self, mut piece: Piece<'_>, fibres_done: &dyn Fn()) -> Result<Tissue, TissueError> {
+        let places: Vec<f64> = piece.part.owned_nodes().iter().map(|node| f64::from(*node)).collect();
+        let mut fibres = NodeFibres::PerElement;
         if let Some(angles) = &self.fibres {
             let fields = fields_of_part(&piece.mesh, &piece, &self.muscle, Longitudinal::FromBase)?;
-            piece.mesh.frames = frames_of_part(&piece.mesh, &piece, &self.muscle, &fields, angles);
+            piece.mesh.fibres = rule_of_part(&piece.mesh, &piece, &self.muscle, &fields, angles);
+            piece.mesh.frames = frames_at_centroids(&piece.mesh, &self.muscle);
+            let NodeFibres::Rule { walls, .. } = &piece.mesh.fibres else { unreachable!("the rule's") };
+            let own: Vec<_> = walls[..places.len()].iter().map(wall_numbers).collect();
+            let walls = merged::<WALL_WIDTH>(piece.comm, &places, own.as_flattened());
+            fibres = NodeFibres::Rule { walls: walls.into_iter().map(wall_of).collect(), angles: *angles };
         }
-        let of_elements = |e: &usize| self.fibres.is_some() && piece.part.speaks_for[*e];
-        let spoken: Vec<usize> = (0..piece.mesh.n_tets()).filter(of_elements).collect();
-        let frames = spoken.iter().map(|e| numbers(&piece.mesh.frames[*e])).collect::<Vec<_>>();
-        let places: Vec<f64> = spoken.iter().map(|e| f64::from(piece.part.elements[*e])).collect();
-        let frames = merged::<9>(piece.comm, &places, frames.as_flattened().as_flattened());
-        let frames =
-            frames.iter().map(|f| frame([[f[0], f[1], f[2]], [f[3], f[4], f[5]], [f[6], f[7], f[8]]])).collect();
         fibres_done();
         let mut activation_ms = vec![];
         if let Some(conduction) = &self.conduction {
             let times = activation_of_part(&piece.mesh, &piece, conduction)?;
-            let places: Vec<f64> = piece.part.owned_nodes().iter().map(|node| f64::from(*node)).collect();
             activation_ms = merged::<1>(piece.comm, &places, &times[..places.len()]).into_flattened();
         }
-        Ok(Tissue { frames, activation_ms })
+        Ok(Tissue { fibres, activation_ms })
     }
 
     /// On several threads, each with a part; on the calling one for a mesh of few nodes. `fibres_done` is called once fibres are.

@@ -64,7 +64,9 @@ fn unloading_finds_the_geometry_that_was_inflated_to_the_image() {
         }
         let mut anatomy = Anatomy::of(&image, &MUSCLE, kind).expect("an anatomy");
         // Fibres as the inflation carried them along.
-        anatomy.frames = known.frames_at(&image.nodes_mm);
+        anatomy.fibres = NodeFibres::PerElement;
+        anatomy.frames =
+            (0..image.n_tets()).map(|e| known.frame_at(&image.nodes_mm, e, image.centroid_mm(e))).collect();
         let mut state = PassiveState::unloaded_image(&Piece::whole(&anatomy), &wall).expect("a wall");
         state.unload(&Piece::whole(&anatomy), &wall, 1.2, &mut search()).expect("unloads");
         let apart: Vec<f64> = (state.unloaded().iter().zip(&mesh.nodes_mm))

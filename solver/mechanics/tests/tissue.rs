@@ -4,7 +4,7 @@ use cardiotwin_mechanics::parallel::{Communicator as _, ThreadSettings, on_threa
 use cardiotwin_mechanics::tissue::{FEWEST_NODES, Tissue, TissueError, TissueJob, serve};
 use cardiotwin_mesh::eikonal::{Conduction, EikonalError, activation_ms};
 use cardiotwin_mesh::ellipsoid::{EllipsoidSpec, generate};
-use cardiotwin_mesh::fibres::{Angles, Longitudinal, fields, frames};
+use cardiotwin_mesh::fibres::{Angles, Longitudinal, fields, frames_at_centroids, rule};
 use cardiotwin_mesh::{TetMesh, tags};
 use cardiotwin_units::Ml;
 
@@ -34,13 +34,14 @@ fn fibres_are_the_same_to_the_bit_and_times_to_round_off_on_any_number_of_ranks(
     let (mut mesh, job) = ventricle();
     // The code for a whole mesh.
     let found = fields(&mesh, &MUSCLE, Longitudinal::FromBase).expect("fields");
-    let want = frames(&mesh, &MUSCLE, &found, &Angles::default());
+    let want = rule(&mesh, &MUSCLE, &found, &Angles::default());
     let bare = mesh.clone();
-    mesh.frames.clone_from(&want);
+    mesh.fibres.clone_from(&want);
+    mesh.frames = frames_at_centroids(&mesh, &MUSCLE);
     let times = activation_ms(&mesh, job.conduction.as_ref().expect("conduction")).expect("times");
     for n_ranks in [1, 2, 3, 4, 7] {
         let threads = job.on_threads(&bare, n_ranks, ThreadSettings::default(), &|| {}).expect("tissue");
-        assert!(threads.frames == want, "{n_ranks} ranks have other fibres");
+        assert!(threads.fibres == want, "{n_ranks} ranks have other fibres");
         let apart = |(a, b): (&f64, &f64)| if a == b { 0.0 } else { (a - b).abs() };
         let most = threads.activation_ms.iter().zip(&times).map(apart).fold(0.0, f64::max);
         println!("{n_ranks} ranks: times differ by {most:.1e} ms");
@@ -58,11 +59,12 @@ fn fibres_are_the_same_to_the_bit_and_times_to_round_off_on_any_number_of_ranks(
 fn what_the_mesh_brings_is_kept_and_what_is_not_wanted_is_not_made() {
     let (mut mesh, job) = ventricle();
     let both = job.on_threads(&mesh, 1, ThreadSettings::default(), &|| {}).expect("tissue");
-    mesh.frames.clone_from(&both.frames);
+    mesh.fibres.clone_from(&both.fibres);
+    mesh.frames = frames_at_centroids(&mesh, &MUSCLE);
     let times = on_ranks(&mesh, &TissueJob { fibres: None, ..job.clone() }, 3).expect("times");
-    assert!(times.frames.is_empty() && times.activation_ms.len() == mesh.n_nodes());
+    assert!(!times.fibres.at_nodes() && times.activation_ms.len() == mesh.n_nodes());
     let fibres = on_ranks(&mesh, &TissueJob { conduction: None, ..job }, 3).expect("fibres");
-    assert!(fibres.frames == both.frames && fibres.activation_ms.is_empty());
+    assert!(fibres.fibres == both.fibres && fibres.activation_ms.is_empty());
 }
 
 #[test]
@@ -92,8 +94,8 @@ fn errors_are_those_of_one_rank_and_end_all() {
     island.nodes_mm.extend(lone);
     island.tets.push([away, away + 1, away + 2, away + 3]);
     island.tags.push(tags::LEFT_VENTRICLE);
-    let frame = job.on_threads(&mesh, 1, ThreadSettings::default(), &|| {}).expect("tissue").frames;
-    island.frames = frame;
+    let fibres = job.on_threads(&mesh, 1, ThreadSettings::default(), &|| {}).expect("tissue").fibres;
+    island.frames = frames_at_centroids(&TetMesh { fibres, ..mesh.clone() }, &MUSCLE);
     island.frames.push(island.frames[0]);
     let unreached = refused(&island, &|job| job.fibres = None);
     let expected = EikonalError::Unreached { n: 4, node: away as usize };

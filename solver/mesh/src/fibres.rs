@@ -6,8 +6,9 @@
 
 use crate::joint::{Alone, Joint, any, sums};
 use crate::laplace::{self, LaplaceError};
+use crate::node_fibres::{NodeFibres, WallPoint};
 use crate::tet_mesh::{Frame, TetMesh, shape_gradients, surface_names};
-use crate::vec3::{Vec3, add, any_perpendicular, axpy, cross, norm, reject, scale, unit};
+use crate::vec3::{Vec3, add, axpy, norm, reject, scale, unit};
 
 /// Angles of the rule, degrees.
 ///
@@ -128,43 +129,80 @@ fn depth_of_part(mesh: &TetMesh, joint: &dyn Joint, muscle_tags: &[i32]) -> Resu
     laplace::solve("transmural field", mesh, joint, &|e| muscle_tags.contains(&mesh.tags[e]), &fixed, 0.0)
 }
 
-/// Directions for every element by the rule; zeros in elements that are no muscle.
+/// Fibres by the rule, on a mesh with surfaces: directions at nodes, and one frame for each element of muscle.
 ///
-/// Gradients of linear elements are constant in each. Where one vanishes (the longitudinal one at the apex, by symmetry)
-/// the direction comes from the neighbours, and where theirs cancel, from a fixed choice: every frame is orthonormal.
-#[must_use]
-pub fn frames(mesh: &TetMesh, muscle_tags: &[i32], fields: &Fields, angles: &Angles) -> Vec<Frame> {
-    frames_of_part(mesh, &Alone(mesh.n_nodes()), muscle_tags, fields, angles)
+/// # Errors
+/// As for [`fields`].
+pub fn make(mesh: &mut TetMesh, muscle_tags: &[i32], angles: &Angles) -> Result<(), LaplaceError> {
+    let fields = fields(mesh, muscle_tags, Longitudinal::FromBase)?;
+    mesh.fibres = rule(mesh, muscle_tags, &fields, angles);
+    mesh.frames = frames_at_centroids(mesh, muscle_tags);
+    Ok(())
 }
 
-/// [`frames`] of the elements of a part, the same to the bit for any cut. Collective.
+/// Frames of the elements of muscle at their centroids, from the mesh's directions at nodes; zeros in other elements.
 #[must_use]
-pub fn frames_of_part(
+pub fn frames_at_centroids(mesh: &TetMesh, muscle_tags: &[i32]) -> Vec<Frame> {
+    let none = Frame { fibre: [0.0; 3], sheet: [0.0; 3], normal: [0.0; 3] };
+    let frame = |(tet, tag): (&[u32; 4], &i32)| match muscle_tags.contains(tag) {
+        true => mesh.fibres.frame(tet, &[0.25; 4]).unwrap_or(none),
+        false => none,
+    };
+    mesh.tets.iter().zip(&mesh.tags).map(frame).collect()
+}
+
+/// Frames of the elements by the rule, at their centroids; zeros in elements that are no muscle.
+#[must_use]
+pub fn frames(mesh: &TetMesh, muscle_tags: &[i32], fields: &Fields, angles: &Angles) -> Vec<Frame> {
+    let fibres = rule(mesh, muscle_tags, fields, angles);
+    frames_at_centroids(&TetMesh { fibres, ..mesh.clone() }, muscle_tags)
+}
+
+/// Directions at nodes by the rule.
+#[must_use]
+pub fn rule(mesh: &TetMesh, muscle_tags: &[i32], fields: &Fields, angles: &Angles) -> NodeFibres {
+    rule_of_part(mesh, &Alone(mesh.n_nodes()), muscle_tags, fields, angles)
+}
+
+/// [`rule`] at the nodes of a part, the same to the bit for any cut. Collective.
+///
+/// Gradients of linear elements are constant in each; a node takes the mean over the elements of muscle around it, weighted by
+/// their volumes. Where a gradient vanishes (the longitudinal one at the apex, by symmetry) it comes from the neighbours.
+#[must_use]
+pub fn rule_of_part(
     mesh: &TetMesh,
     joint: &dyn Joint,
     muscle_tags: &[i32],
     fields: &Fields,
     angles: &Angles,
-) -> Vec<Frame> {
-    let none = Frame { fibre: [0.0; 3], sheet: [0.0; 3], normal: [0.0; 3] };
+) -> NodeFibres {
     let muscle = |e: usize| muscle_tags.contains(&mesh.tags[e]);
     let transmural = directions(mesh, joint, &fields.depth, &muscle);
     let longitudinal = directions(mesh, joint, &fields.longitudinal, &muscle);
-    (0..mesh.n_tets())
-        .map(|e| {
-            if !muscle(e) {
-                return none;
-            }
-            let out = unit(transmural[e]).unwrap_or([0.0, 0.0, 1.0]);
-            let up = unit(reject(longitudinal[e], out)).unwrap_or_else(|| any_perpendicular(out));
-            let around = cross(up, out);
-            let depth = mesh.tets[e].iter().map(|node| fields.depth[*node as usize]).sum::<f64>() / 4.0;
-            let between = |endo: f64, epi: f64| (endo + (epi - endo) * depth).to_radians();
-            let alpha = between(angles.alpha_endo_deg, angles.alpha_epi_deg);
-            let beta = between(angles.beta_endo_deg, angles.beta_epi_deg);
-            turned(around, up, out, alpha, beta)
-        })
-        .collect()
+    // Around each node, whose owner holds all of its elements.
+    let around = crate::adjacency::Adjacency::node_to_tets(mesh.n_nodes(), &mesh.tets);
+    let mut values: [Vec<f64>; 6] = std::array::from_fn(|_| vec![0.0; mesh.n_nodes()]);
+    for node in 0..joint.n_owned() {
+        let (mut out, mut up, mut volume) = ([0.0; 3], [0.0; 3], 0.0);
+        for e in around.row(node).iter().map(|e| *e as usize).filter(|e| muscle(*e)) {
+            let share = mesh.volume_mm3(e);
+            let across = unit(transmural[e]).unwrap_or([0.0; 3]);
+            out = axpy(out, share, across);
+            up = axpy(up, share, unit(reject(longitudinal[e], across)).unwrap_or([0.0; 3]));
+            volume += share;
+        }
+        if volume > 0.0 {
+            let mean = [scale(out, 1.0 / volume), scale(up, 1.0 / volume)];
+            values.iter_mut().zip(mean.as_flattened()).for_each(|(values, own)| values[node] = *own);
+        }
+    }
+    values.iter_mut().for_each(|values| joint.update(values));
+    let wall = |node: usize| {
+        let at = |first: usize| std::array::from_fn(|i| values[first + i][node]);
+        let depth = fields.depth[node];
+        WallPoint { out: at(0), up: at(3), depth: if depth.is_finite() { depth } else { 0.0 } }
+    };
+    NodeFibres::Rule { walls: (0..mesh.n_nodes()).map(wall).collect(), angles: *angles }
 }
 
 /// The frame for circumferential, longitudinal and transmural directions and the two angles in radians.

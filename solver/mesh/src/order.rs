@@ -107,6 +107,7 @@ impl Renumbering {
             } else {
                 self.tets.iter().map(|old| mesh.frames[*old as usize]).collect()
             },
+            fibres: mesh.fibres.at(self.nodes.iter().map(|old| *old as usize)),
             surfaces: mesh
                 .surfaces
                 .iter()

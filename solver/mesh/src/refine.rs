@@ -52,6 +52,7 @@ pub fn halve_edges(mesh: &TetMesh) -> TetMesh {
         nodes_mm,
         tags: (0..tets.len()).map(|e| mesh.tags[e / 8]).collect(),
         frames: if mesh.frames.is_empty() { vec![] } else { (0..tets.len()).map(|e| mesh.frames[e / 8]).collect() },
+        fibres: mesh.fibres.with_middles(edges.keys().map(|(a, b)| [*a, *b])),
         tets,
         surfaces,
     }

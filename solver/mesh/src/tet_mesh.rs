@@ -1,5 +1,6 @@
 //! The mesh itself: nodes, linear tetrahedra, tags, fibre frames, surfaces.
 
+use crate::node_fibres::NodeFibres;
 use crate::surface::Surface;
 use crate::vec3::{Vec3, cross, dot, scale, sub};
 use cardiotwin_units::Ml;
@@ -48,8 +49,11 @@ pub struct TetMesh {
     pub tets: Vec<[u32; 4]>,
     /// What each element is of; one per element.
     pub tags: Vec<i32>,
-    /// Tissue directions, one per element, or empty where there are none yet.
+    /// Tissue directions, one per element, or empty where there are none yet. Where there are directions at nodes, those of
+    /// the elements' centroids.
     pub frames: Vec<Frame>,
+    /// Tissue directions at nodes, which the mechanics takes at integration points where there are some.
+    pub fibres: NodeFibres,
     /// Named parts of the boundary.
     pub surfaces: Vec<Surface>,
 }

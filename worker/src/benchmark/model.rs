@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use cardiotwin_mechanics::element::batch::Frame;
 use cardiotwin_mechanics::prescribed::{Course, EllipsoidFibres, Problem, SurfaceSupport};
-use cardiotwin_mesh::fibres::{Angles, Longitudinal, fields, frames};
+use cardiotwin_mesh::fibres::{Angles, Longitudinal, fields, rule};
 use cardiotwin_mesh::files;
 use cardiotwin_mesh::joint::Alone;
 use cardiotwin_mesh::refine::halve_edges;
@@ -195,6 +195,19 @@ fn orthonormal(fibre: [f64; 3], sheet: [f64; 3]) -> Option<Frame> {
     Some(std::array::from_fn(|i| [f[i], s[i], n[i]]))
 }
 
+/// Barycentric coordinates of a point in an element.
+fn barycentric(mesh: &TetMesh, e: usize, x: [f64; 3]) -> [f64; 4] {
+    let corners = mesh.corners(e);
+    let (gradients, _) = shape_gradients(corners);
+    std::array::from_fn(|k| 1.0 + (0..3).map(|i| gradients[k][i] * (x[i] - corners[k][i])).sum::<f64>())
+}
+
+/// Frame at a point of an element, from directions at nodes.
+fn frame_at(mesh: &TetMesh, e: usize, x: [f64; 3]) -> Option<Frame> {
+    let frame = mesh.fibres.frame(&mesh.tets[e], &barycentric(mesh, e, x))?;
+    orthonormal(frame.fibre, frame.sheet)
+}
+
 const AXES: Frame = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
 
 fn fibres(file: &Path, parsed: &BenchmarkFile, mesh: &TetMesh) -> Result<FrameAt, BenchmarkError> {
@@ -207,7 +220,11 @@ fn fibres(file: &Path, parsed: &BenchmarkFile, mesh: &TetMesh) -> Result<FrameAt
             }
             let frames: Vec<Frame> =
                 mesh.frames.iter().map(|f| orthonormal(f.fibre, f.sheet).unwrap_or(AXES)).collect();
-            Ok(Box::new(move |e, _| frames[e]))
+            if !mesh.fibres.at_nodes() {
+                return Ok(Box::new(move |e, _| frames[e]));
+            }
+            let mesh = mesh.clone();
+            Ok(Box::new(move |e, x| frame_at(&mesh, e, x).unwrap_or(frames[e])))
         }
         FibreTable::Constant { fibre, sheet } => {
             let frame = orthonormal(*fibre, *sheet).ok_or_else(|| {
@@ -235,15 +252,8 @@ fn fibres(file: &Path, parsed: &BenchmarkFile, mesh: &TetMesh) -> Result<FrameAt
                     let depth = laplace_depth(file, mesh, endocardium, epicardium)?;
                     let mesh = mesh.clone();
                     Ok(Box::new(move |e, x| {
-                        let corners = mesh.corners(e);
-                        let (gradients, _) = shape_gradients(corners);
-                        let t = (0..4)
-                            .map(|k| {
-                                let l: f64 = (0..3).map(|i| gradients[k][i] * (x[i] - corners[k][i])).sum();
-                                (1.0 + l) * depth[mesh.tets[e][k] as usize]
-                            })
-                            .sum();
-                        rule.frame(x, t)
+                        let shares = barycentric(&mesh, e, x);
+                        rule.frame(x, (0..4).map(|k| shares[k] * depth[mesh.tets[e][k] as usize]).sum())
                     }))
                 }
             }
@@ -270,11 +280,8 @@ fn fibres(file: &Path, parsed: &BenchmarkFile, mesh: &TetMesh) -> Result<FrameAt
             };
             let found = fields(&named, &tags, Longitudinal::FromBase)
                 .map_err(|e| BenchmarkError::key(file, "fibres", chain(&e), "fields that can be solved for"))?;
-            let frames: Vec<Frame> = frames(&named, &tags, &found, &angles)
-                .iter()
-                .map(|f| orthonormal(f.fibre, f.sheet).unwrap_or(AXES))
-                .collect();
-            Ok(Box::new(move |e, _| frames[e]))
+            named.fibres = rule(&named, &tags, &found, &angles);
+            Ok(Box::new(move |e, x| frame_at(&named, e, x).unwrap_or(AXES)))
         }
     }
 }

@@ -8,9 +8,9 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 use cardiotwin_mechanics::organ::FiniteElementVentricle;
-use cardiotwin_mesh::TetMesh;
 use cardiotwin_mesh::files::{pvd, vtu};
 use cardiotwin_mesh::vec3::sub;
+use cardiotwin_mesh::{NodeFibres, TetMesh};
 use cardiotwin_models::ventricle::Ventricle as _;
 use cardiotwin_units::Ms;
 
@@ -50,7 +50,7 @@ impl Series {
     ) -> Result<(Self, u64), TaskError> {
         let folder = directory.join(FOLDER);
         fs::create_dir_all(&folder).map_err(|source| TaskError::Write { file: folder.clone(), source })?;
-        let mesh = TetMesh { frames: Vec::new(), surfaces: Vec::new(), ..mesh };
+        let mesh = TetMesh { frames: vec![], fibres: NodeFibres::PerElement, surfaces: vec![], ..mesh };
         let (begin, times_ms) = (Vec::new(), Vec::new());
         let mut series = Self { folder, every_ms, with_calcium, mesh, begin, beat: 1, times_ms };
         series.move_to(ventricle);

@@ -2,7 +2,9 @@
 
 use std::path::Path;
 
+use cardiotwin_mechanics::fibre_parcel;
 use cardiotwin_mechanics::organ::{Anatomy, EndDiastole, WallParameters};
+use cardiotwin_mechanics::parallel::{Opened, Parcel};
 use cardiotwin_mesh::surface::Surface;
 use cardiotwin_mesh::tags;
 use cardiotwin_mesh::tet_mesh::{Frame, TetMesh};
@@ -16,7 +18,7 @@ use crate::error::TaskError;
 use crate::inputs::read_verified;
 
 /// Kind of the file.
-const KIND: &str = "ventricle 1";
+const KIND: &str = "ventricle 2";
 
 /// What a file says beside its arrays.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -78,6 +80,9 @@ impl StoredVentricle {
             .with_indices("tets", mesh.tets.as_flattened())
             .with_indices("tags", mesh.tags.iter().map(|tag| tag.cast_unsigned()).collect::<Vec<_>>())
             .with("frames", frames.collect::<Vec<_>>());
+        let mut fibres = Parcel::default();
+        fibre_parcel::pack(&mesh.fibres, &mut fibres);
+        arrays = arrays.with("fibres", fibres.numbers);
         let (mut triangles, mut lengths) = (Vec::new(), Vec::new());
         for surface in &mesh.surfaces {
             lengths.push(surface.triangles.len() as u32);
@@ -110,11 +115,13 @@ impl StoredVentricle {
         let mut arrays = Arrays::from_bytes(bytes, KIND)?;
         let about: About = serde_json::from_value(arrays.about.take()).map_err(ArraysError::Header)?;
         let frames = arrays.take("frames")?;
+        let fibres = arrays.take("fibres")?;
         let mut mesh = TetMesh {
             nodes_mm: arrays.take("nodes_mm")?.as_chunks().0.to_vec(),
             tets: arrays.take_indices("tets")?.as_chunks().0.to_vec(),
             tags: arrays.take_indices("tags")?.into_iter().map(u32::cast_signed).collect(),
             frames: frames.as_chunks::<9>().0.iter().map(frame).collect(),
+            fibres: fibre_parcel::unpack(&mut Opened::of(&fibres)),
             surfaces: Vec::new(),
         };
         let lengths = arrays.take_indices("surface_lengths")?;
@@ -147,6 +154,9 @@ impl StoredVentricle {
         }
         if self.mesh.tags.len() != m || self.mesh.frames.len() != m {
             return missing("frames", format!("{m} elements, as of tags"));
+        }
+        if self.mesh.fibres.n_nodes().is_some_and(|found| found != n) {
+            return missing("fibres", format!("{n} nodes"));
         }
         if self.activation_ms.len() != n {
             return missing("activation_ms", format!("{n} nodes"));

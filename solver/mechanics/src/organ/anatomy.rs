@@ -2,6 +2,7 @@
 
 use std::borrow::Cow;
 
+use cardiotwin_mesh::NodeFibres;
 use cardiotwin_mesh::surface::{SurfaceDefect, openings};
 use cardiotwin_mesh::tet_mesh::{TetMesh, surface_names};
 
@@ -91,8 +92,10 @@ pub struct Anatomy {
     pub volume: VolumeChange,
     /// Whether an element contracts.
     pub contracts: Vec<bool>,
-    /// Fibre frame of each element in the imaged configuration; any axes in passive tissue.
+    /// Fibre frame of each element in the imaged configuration; any axes in passive tissue. Not read where there are `fibres`.
     pub frames: Vec<Frame>,
+    /// Fibre directions at the vertices, in the imaged configuration.
+    pub fibres: NodeFibres,
     /// Endocardium.
     pub endocardium: Triangles,
     /// Epicardium.
@@ -157,6 +160,7 @@ impl Anatomy {
             volume,
             contracts,
             frames,
+            fibres: mesh.fibres.clone(),
             endocardium,
             epicardium,
             septum,
@@ -190,6 +194,7 @@ impl Anatomy {
             volume: self.volume,
             contracts: elements().map(|e| self.contracts[e]).collect(),
             frames: elements().map(|e| self.frames[e]).collect(),
+            fibres: self.fibres.at(part.nodes.iter().map(|node| *node as usize)),
             endocardium: surface(&self.endocardium),
             epicardium: surface(&self.epicardium),
             septum: self.septum.as_ref().map(surface),
@@ -198,35 +203,45 @@ impl Anatomy {
         })
     }
 
-    /// Frames of the elements where nodes lie at `positions`: fibres and sheets move with the tissue.
+    /// Fibre frame at the point `x` \[mm\] of element `e` where nodes lie at `positions`: fibres and sheets move with the
+    /// tissue.
     #[must_use]
-    pub fn frames_at(&self, positions: &[[f64; 3]]) -> Vec<Frame> {
-        self.corners
-            .iter()
-            .zip(&self.frames)
-            .map(|(corners, frame)| {
-                let edges = |x: &[[f64; 3]]| -> [[f64; 3]; 3] {
-                    std::array::from_fn(|k| {
-                        let (a, b) = (x[corners[0] as usize], x[corners[k + 1] as usize]);
-                        std::array::from_fn(|i| b[i] - a[i])
-                    })
-                };
-                let (from, to) = (edges(&self.nodes), edges(positions));
-                // Components of a direction along the old edges, put on the new ones.
-                let det = triple(from[0], from[1], from[2]);
-                let moved = |axis: usize| -> [f64; 3] {
-                    let d: [f64; 3] = std::array::from_fn(|i| frame[i][axis]);
-                    let part = [
-                        triple(d, from[1], from[2]) / det,
-                        triple(from[0], d, from[2]) / det,
-                        triple(from[0], from[1], d) / det,
-                    ];
-                    std::array::from_fn(|i| (0..3).map(|k| part[k] * to[k][i]).sum())
-                };
-                orthonormal(moved(0), moved(1)).unwrap_or(*frame)
-            })
-            .collect()
+    pub fn frame_at(&self, positions: &[[f64; 3]], e: usize, x: [f64; 3]) -> Frame {
+        let corners = self.corners[e];
+        let edges = |nodes: &[[f64; 3]]| -> [[f64; 3]; 3] {
+            let a = nodes[corners[0] as usize];
+            std::array::from_fn(|k| minus(nodes[corners[k + 1] as usize], a))
+        };
+        let (from, to) = (edges(&self.nodes), edges(positions));
+        let frame = self.imaged_frame(e, || {
+            let [l1, l2, l3] = components(minus(x, positions[corners[0] as usize]), &to);
+            [1.0 - l1 - l2 - l3, l1, l2, l3]
+        });
+        let moved = |axis: usize| -> [f64; 3] {
+            let part = components(std::array::from_fn(|i| frame[i][axis]), &from);
+            std::array::from_fn(|i| (0..3).map(|k| part[k] * to[k][i]).sum())
+        };
+        orthonormal(moved(0), moved(1)).unwrap_or(frame)
     }
+
+    /// Fibre frame of an element in the image, at barycentric coordinates that are asked for where directions are at nodes.
+    fn imaged_frame(&self, e: usize, l: impl FnOnce() -> [f64; 4]) -> Frame {
+        if !(self.contracts[e] && self.fibres.at_nodes()) {
+            return self.frames[e];
+        }
+        let found = self.fibres.frame(&self.corners[e], &l());
+        found.and_then(|f| orthonormal(f.fibre, f.sheet)).unwrap_or(self.frames[e])
+    }
+}
+
+/// Components of `d` along three edges.
+fn components(d: [f64; 3], edges: &[[f64; 3]; 3]) -> [f64; 3] {
+    let det = triple(edges[0], edges[1], edges[2]);
+    [triple(d, edges[1], edges[2]) / det, triple(edges[0], d, edges[2]) / det, triple(edges[0], edges[1], d) / det]
+}
+
+fn minus(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
+    std::array::from_fn(|i| a[i] - b[i])
 }
 
 fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {

@@ -5,6 +5,7 @@ use std::sync::Arc;
 
 use super::anatomy::{Anatomy, Tets, Triangles};
 use crate::element::kernel::VolumeChange;
+use crate::fibre_parcel;
 use crate::parallel::{Communicator, Opened, Parcel, Part, PartitionError, SingleProcess, owners};
 
 /// A rank's part of an anatomy, and what joins it to the others.
@@ -96,6 +97,7 @@ pub(super) fn pack(anatomy: &Anatomy, to: &mut Parcel) {
         VolumeChange::Nodal { pointwise_share } => vec![pointwise_share],
     });
     to.flags(&anatomy.contracts).numbers(anatomy.frames.as_flattened().as_flattened());
+    fibre_parcel::pack(&anatomy.fibres, to);
     for surface in [&anatomy.endocardium, &anatomy.epicardium, &anatomy.rim].into_iter().chain(&anatomy.septum) {
         to.indices(triangles(surface).as_flattened());
     }
@@ -115,6 +117,7 @@ pub(super) fn unpack(from: &mut Opened<'_>) -> Anatomy {
         _ => VolumeChange::Pointwise,
     };
     let (contracts, frames) = (from.flags(), from.numbers().as_chunks::<3>().0.as_chunks::<3>().0.to_vec());
+    let fibres = fibre_parcel::unpack(from);
     let mut triangles = || Triangles::Linear(from.indices().as_chunks().0.to_vec());
     let (endocardium, epicardium, rim, septum) = (triangles(), triangles(), triangles(), triangles());
     let septum = from.flags()[0].then_some(septum);
@@ -127,6 +130,7 @@ pub(super) fn unpack(from: &mut Opened<'_>) -> Anatomy {
         volume,
         contracts,
         frames,
+        fibres,
         endocardium,
         epicardium,
         septum,
@@ -138,7 +142,7 @@ pub(super) fn unpack(from: &mut Opened<'_>) -> Anatomy {
 #[cfg(test)]
 mod tests {
     use cardiotwin_mesh::ellipsoid::{EllipsoidSpec, generate};
-    use cardiotwin_mesh::fibres::{Angles, Longitudinal, fields, frames};
+    use cardiotwin_mesh::fibres::{Angles, make};
     use cardiotwin_mesh::tags;
     use cardiotwin_units::Ml;
 
@@ -149,8 +153,7 @@ mod tests {
     #[test]
     fn a_piece_arrives_as_it_was_cut_and_pieces_make_up_the_whole() {
         let mut mesh = generate(&EllipsoidSpec::new(Ml(112.0), Ml(140.0), 600)).expect("a mesh").mesh;
-        let found = fields(&mesh, &[tags::LEFT_VENTRICLE], Longitudinal::FromBase).expect("fields");
-        mesh.frames = frames(&mesh, &[tags::LEFT_VENTRICLE], &found, &Angles::default());
+        make(&mut mesh, &[tags::LEFT_VENTRICLE], &Angles::default()).expect("fields");
         for kind in [ElementKind::LINEAR_NODAL, ElementKind::LINEAR_POINTWISE] {
             let anatomy = Anatomy::of(&mesh, &[tags::LEFT_VENTRICLE], kind).expect("an anatomy");
             let parts = parts_of(&anatomy, 3).expect("a cut");

@@ -116,7 +116,6 @@ impl WallParameters {
         comm: Box<dyn Communicator>,
     ) -> Result<Dynamics, WallError> {
         self.check()?;
-        let frames = anatomy.frames_at(unloaded);
         let tissue = |law, kappa_kpa, volumetric, active| Tissue {
             law,
             volumetric: Volumetric { law: volumetric, kappa_kpa },
@@ -133,7 +132,7 @@ impl WallParameters {
             ),
         ];
         let tissue_of: Vec<usize> = anatomy.contracts.iter().map(|c| usize::from(!c)).collect();
-        let frame = |e: usize, _: [f64; 3]| frames[e];
+        let frame = |e: usize, x: [f64; 3]| anatomy.frame_at(unloaded, e, x);
         let (n_vertices, volume) = (anatomy.n_vertices, anatomy.volume);
         macro_rules! input {
             ($tets:expr) => {

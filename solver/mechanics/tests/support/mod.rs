@@ -2,7 +2,7 @@
 
 use cardiotwin_mesh::eikonal::{Conduction, activation_ms};
 use cardiotwin_mesh::ellipsoid::{EllipsoidSpec, generate};
-use cardiotwin_mesh::fibres::{Angles, Longitudinal, fields, frames};
+use cardiotwin_mesh::fibres::{Angles, make};
 use cardiotwin_mesh::{TetMesh, tags};
 use cardiotwin_models::circulation::{Circulation, LeftHeart};
 use cardiotwin_units::{Ml, Mmhg, Ms};
@@ -16,8 +16,7 @@ pub fn heart() -> (TetMesh, Vec<f64>) {
     let spec = EllipsoidSpec { ring_height: 0.12, ..EllipsoidSpec::new(Ml(112.0), Ml(140.0), 500) };
     let made = generate(&spec).expect("a mesh");
     let mut mesh = made.mesh;
-    let found = fields(&mesh, &MUSCLE, Longitudinal::FromBase).expect("fields");
-    mesh.frames = frames(&mesh, &MUSCLE, &found, &Angles::default());
+    make(&mut mesh, &MUSCLE, &Angles::default()).expect("fields");
     let conduction = Conduction::of_left_ventricle(&made.shape.fascicles());
     let times = activation_ms(&mesh, &conduction).expect("times");
     (mesh, times)

@@ -1,6 +1,6 @@
 use super::*;
 use crate::ellipsoid::{EllipsoidSpec, generate};
-use crate::fibres::{Angles, Longitudinal, fields, frames};
+use crate::fibres::{Angles, make};
 use crate::order::Renumbering;
 use crate::test_meshes::{block, cube};
 use crate::tet_mesh::tags;
@@ -129,8 +129,7 @@ fn heart(n_nodes: usize) -> (TetMesh, crate::ellipsoid::Shape) {
     let made = generate(&EllipsoidSpec::new(Ml(120.0), Ml(130.0), n_nodes)).unwrap();
     let mut mesh = made.mesh;
     let muscle = &[tags::LEFT_VENTRICLE];
-    let found = fields(&mesh, muscle, Longitudinal::FromBase).unwrap();
-    mesh.frames = frames(&mesh, muscle, &found, &Angles::default());
+    make(&mut mesh, muscle, &Angles::default()).unwrap();
     (mesh, made.shape)
 }
 

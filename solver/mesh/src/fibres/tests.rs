@@ -1,7 +1,7 @@
 use super::*;
 use crate::ellipsoid::{Ellipsoid, EllipsoidSpec, Shape, generate};
 use crate::tet_mesh::tags;
-use crate::vec3::dot;
+use crate::vec3::{cross, dot};
 use cardiotwin_units::Ml;
 
 const MUSCLE: &[i32] = &[tags::LEFT_VENTRICLE];

@@ -38,7 +38,7 @@ pub fn read(stem: &Path, unit: LengthUnit) -> Result<TetMesh, MeshFileError> {
         let triangles = parse_surf(&read_text(&file)?, &file, nodes_mm.len())?;
         surfaces.push(Surface { name, triangles });
     }
-    Ok(TetMesh { nodes_mm, tets, tags, frames, surfaces })
+    Ok(TetMesh { nodes_mm, tets, tags, frames, surfaces, ..TetMesh::default() })
 }
 
 /// `stem.NAME.surf` beside the stem, by name.

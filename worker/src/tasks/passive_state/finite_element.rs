@@ -13,7 +13,7 @@ use cardiotwin_mechanics::organ::{
 use cardiotwin_mechanics::tissue::TissueJob;
 use cardiotwin_mesh::eikonal::{Conduction, Speeds};
 use cardiotwin_mesh::ellipsoid::{EllipsoidSpec, generate};
-use cardiotwin_mesh::fibres::Angles;
+use cardiotwin_mesh::fibres::{Angles, frames_at_centroids};
 use cardiotwin_mesh::order::Renumbering;
 use cardiotwin_mesh::quality::Quality;
 use cardiotwin_mesh::tags;
@@ -159,7 +159,8 @@ fn mesh(
     let fibres_done = OnceLock::new();
     let made = tissue::found(&job, &mesh, workers, &|| _ = fibres_done.set(begun.elapsed().as_secs_f64()))?;
     if job.fibres.is_some() {
-        mesh.frames = made.frames;
+        mesh.fibres = made.fibres;
+        mesh.frames = frames_at_centroids(&mesh, &job.muscle);
     }
     let times = times_ms.map_or(made.activation_ms, from_the_first);
     let fibred = fibres_done.into_inner().unwrap_or(meshed);

@@ -1,5 +1,6 @@
 //! A patient's own mesh: read with the content that was planned, checked, its tags and surfaces made ours.
 
+use cardiotwin_mesh::NodeFibres;
 use cardiotwin_mesh::checks::{Expected, check};
 use cardiotwin_mesh::eikonal::Site;
 use cardiotwin_mesh::files::{self, LengthUnit, MeshFileError, node_values};
@@ -58,6 +59,7 @@ pub(super) fn take(own: &OwnMesh, measured_ml: f64) -> Result<Taken, TaskError> 
     }
     if own.fibres == MeshFibres::Rule {
         mesh.frames.clear();
+        mesh.fibres = NodeFibres::PerElement;
     }
     let expected = Expected {
         muscle_tags: &own.left_ventricle,

@@ -5,14 +5,15 @@ use super::{Field, Grid, SURFACE_PREFIX, TETRAHEDRON, TRIANGLE};
 use crate::files::LengthUnit;
 use crate::files::carp::frame;
 use crate::files::error::{MeshFileError, read_bytes};
+use crate::node_fibres::NodeFibres;
 use crate::surface::Surface;
-use crate::tet_mesh::TetMesh;
+use crate::tet_mesh::{Frame, TetMesh};
 use crate::vec3::Vec3;
 use roxmltree::{Document, Node};
 use std::path::Path;
 
 /// Reads a file whose coordinates are in `unit`. The array `tag` gives tags (0 where there is none), `fibre` and `sheet`
-/// the directions; all other arrays of numbers become fields.
+/// the directions, at cells or at points; all other arrays of numbers become fields.
 ///
 /// # Errors
 /// [`MeshFileError`] with file and line: several pieces, other cells than tetrahedra and triangles, arrays that cannot
@@ -204,14 +205,30 @@ impl<'a> Reader<'a> {
                 _ => grid.cell_fields.push(Field { values, ..field }),
             }
         }
+        let found = |place: String, fibre, sheet| {
+            frame(fibre, sheet).ok_or_else(|| {
+                let found = format!("a sheet of {place} that is not perpendicular to its fibre");
+                self.error(piece, found, "perpendicular directions, or zeros for both")
+            })
+        };
+        let mut at_nodes = |name: &str| {
+            let at = grid.point_fields.iter().position(|field| field.name == name && field.n_components == 3)?;
+            Some(vectors(&grid.point_fields.remove(at).values))
+        };
+        if let (None, Some(fibres)) = (&fibres, at_nodes("fibre")) {
+            let sheets = at_nodes("sheet");
+            let frames = (fibres.into_iter().enumerate())
+                .map(|(node, fibre)| found(format!("node {node}"), fibre, sheets.as_ref().map(|sheets| sheets[node])))
+                .collect::<Result<_, _>>()?;
+            grid.mesh.fibres = NodeFibres::Frames(frames);
+            let none = Frame { fibre: [0.0; 3], sheet: [0.0; 3], normal: [0.0; 3] };
+            let middle = |tet: &[u32; 4]| grid.mesh.fibres.frame(tet, &[0.25; 4]).unwrap_or(none);
+            grid.mesh.frames = grid.mesh.tets.iter().map(middle).collect();
+        }
         if let Some(fibres) = fibres {
             for (e, fibre) in fibres.into_iter().enumerate() {
                 let sheet = sheets.as_ref().map(|sheets| sheets[e]);
-                let found = frame(fibre, sheet).ok_or_else(|| {
-                    let found = format!("a sheet of element {e} that is not perpendicular to its fibre");
-                    self.error(piece, found, "perpendicular directions, or zeros for both")
-                })?;
-                grid.mesh.frames.push(found);
+                grid.mesh.frames.push(found(format!("element {e}"), fibre, sheet)?);
             }
         }
         Ok(grid)
