@@ -74,12 +74,20 @@ pub struct WallSettings {
     pub mass_damping_per_ms: f64,
     /// Rayleigh damping by stiffness.
     pub stiffness_damping_ms: f64,
-    /// Springs along the normal of epicardium and septum.
+    /// Pericardium: springs along the normal of epicardium and septum, at the apex.
     #[serde(rename = "epicardial_spring_kPa_per_mm")]
     pub epicardial_spring_kpa_per_mm: f64,
+    /// Pericardium: dashpots beside these springs.
+    #[serde(rename = "epicardial_dashpot_kPa_ms_per_mm")]
+    pub epicardial_dashpot_kpa_ms_per_mm: f64,
+    /// Stiffness and damping of the pericardium at the base over those at the apex; linear in the height between.
+    pub epicardial_base_share: f64,
     /// Springs in all directions on the rim.
     #[serde(rename = "rim_spring_kPa_per_mm")]
     pub rim_spring_kpa_per_mm: f64,
+    /// Dashpots beside these springs.
+    #[serde(rename = "rim_dashpot_kPa_ms_per_mm")]
+    pub rim_dashpot_kpa_ms_per_mm: f64,
     /// Spectral radius of generalised-α: 0 damps the highest frequencies at once.
     pub spectral_radius: f64,
 }
@@ -97,8 +105,11 @@ impl Default for WallSettings {
             density_g_per_mm3: 1.06e-3,
             mass_damping_per_ms: 0.1,
             stiffness_damping_ms: 0.1,
-            epicardial_spring_kpa_per_mm: 0.1,
-            rim_spring_kpa_per_mm: 1.0,
+            epicardial_spring_kpa_per_mm: 0.5,
+            epicardial_dashpot_kpa_ms_per_mm: 0.0,
+            epicardial_base_share: 1.0,
+            rim_spring_kpa_per_mm: 0.02,
+            rim_dashpot_kpa_ms_per_mm: 0.0,
             spectral_radius: 0.0,
         }
     }

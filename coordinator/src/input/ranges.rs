@@ -198,6 +198,9 @@ impl List {
             ("mass_damping_per_ms", wall.mass_damping_per_ms, 100.0),
             ("stiffness_damping_ms", wall.stiffness_damping_ms, 100.0),
             ("epicardial_spring_kPa_per_mm", wall.epicardial_spring_kpa_per_mm, 1e5),
+            ("epicardial_dashpot_kPa_ms_per_mm", wall.epicardial_dashpot_kpa_ms_per_mm, 1e5),
+            ("epicardial_base_share", wall.epicardial_base_share, 100.0),
+            ("rim_dashpot_kPa_ms_per_mm", wall.rim_dashpot_kpa_ms_per_mm, 1e5),
             ("spectral_radius", wall.spectral_radius, 1.0),
         ] {
             self.within(&key(&format!("wall.{name}")), value, 0.0, high);

@@ -91,8 +91,9 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         c if c > 0.0 => {
             let mut wall = WallParameters::default();
             wall.muscle.c_kpa = c;
-            wall.rim_spring = argument("rim", wall.rim_spring);
-            wall.epicardial_spring = argument("epi", wall.epicardial_spring);
+            wall.rim.stiffness = argument("rim", wall.rim.stiffness);
+            wall.pericardium.stiffness = argument("epi", wall.pericardium.stiffness);
+            wall.pericardial_base_share = argument("base", wall.pericardial_base_share);
             let mut state = PassiveState::unloaded_image(&Piece::whole(&anatomy), &wall)?;
             state.inflate(edp / MMHG_PER_KPA, &mut search)?;
             Fitted { state, wall, slope: None }

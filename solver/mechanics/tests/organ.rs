@@ -55,7 +55,7 @@ fn unloading_finds_the_geometry_that_was_inflated_to_the_image() {
     let (mesh, _) = heart();
     for kind in [ElementKind::LINEAR_NODAL, ElementKind::LINEAR_POINTWISE] {
         let known = Anatomy::of(&mesh, &MUSCLE, kind).expect("an anatomy");
-        let wall = WallParameters { static_rim_share: 0.1, ..WallParameters::default() };
+        let wall = WallParameters::default();
         let mut inflated = PassiveState::unloaded_image(&Piece::whole(&known), &wall).expect("a wall");
         inflated.inflate(1.2, &mut search()).expect("inflates");
         let mut image = mesh.clone();

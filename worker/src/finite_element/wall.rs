@@ -3,7 +3,7 @@
 use cardiotwin_mechanics::dynamics::Rayleigh;
 use cardiotwin_mechanics::material::{ActiveLaw, Guccione};
 use cardiotwin_mechanics::newton;
-use cardiotwin_mechanics::organ::{self, WallParameters};
+use cardiotwin_mechanics::organ::{self, Spring, WallParameters};
 use cardiotwin_schemas::finite_element::{ElementKind, LinearSolver, WallSettings};
 
 /// The wall with all exponents times a factor and a share of the active stress across the fibre.
@@ -22,8 +22,12 @@ pub fn parameters(wall: &WallSettings, exponent_factor: f64, cross_fibre: f64) -
         passive_kappa_kpa: wall.aorta_kappa_kpa,
         // g/mm³ to mg/mm³.
         density: 1e3 * wall.density_g_per_mm3,
-        epicardial_spring: wall.epicardial_spring_kpa_per_mm,
-        rim_spring: wall.rim_spring_kpa_per_mm,
+        pericardium: Spring {
+            stiffness: wall.epicardial_spring_kpa_per_mm,
+            damping: wall.epicardial_dashpot_kpa_ms_per_mm,
+        },
+        pericardial_base_share: wall.epicardial_base_share,
+        rim: Spring { stiffness: wall.rim_spring_kpa_per_mm, damping: wall.rim_dashpot_kpa_ms_per_mm },
         damping: Rayleigh { mass_per_ms: wall.mass_damping_per_ms, stiffness_ms: wall.stiffness_damping_ms },
         spectral_radius: wall.spectral_radius,
         ..WallParameters::default()

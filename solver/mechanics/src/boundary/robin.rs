@@ -38,6 +38,22 @@ impl Robin {
         reference: &[f64],
         pattern: &Pattern,
     ) -> Result<Self, SurfaceError> {
+        Self::weighted(triangles, direction, reference, pattern, &|_| 1.0)
+    }
+
+    /// As [`Self::new`], with a stiffness that varies over the surface.
+    ///
+    /// - `share`: stiffness at a point \[mm\] of the reference over `k`
+    ///
+    /// # Errors
+    /// As for [`Self::new`].
+    pub fn weighted<const N: usize>(
+        triangles: &[[u32; N]],
+        direction: RobinDirection,
+        reference: &[f64],
+        pattern: &Pattern,
+        share: &dyn Fn([f64; 3]) -> f64,
+    ) -> Result<Self, SurfaceError> {
         let faces = Faces::new(triangles, pattern)?;
         let mut entries = vec![];
         for (nodes, slots) in faces.nodes.chunks(N).zip(faces.slots.chunks(N * N)) {
@@ -47,9 +63,11 @@ impl Robin {
                 let [e1, e2] = Faces::tangents(shape, &x);
                 let normal = cross(&e1, &e2);
                 let length = normal.iter().map(|n| n * n).sum::<f64>().sqrt();
+                let at = std::array::from_fn(|i| shape.iter().zip(&x).map(|(s, x)| s.0 * x[i]).sum());
+                let share = share(at);
                 for a in 0..N {
                     for b in 0..N {
-                        let k = 0.5 * weight * length * shape[a].0 * shape[b].0;
+                        let k = 0.5 * share * weight * length * shape[a].0 * shape[b].0;
                         for i in 0..3 {
                             for j in 0..3 {
                                 blocks[a * N + b][3 * i + j] += k * match direction {

@@ -22,16 +22,20 @@ pub struct ActiveLaw {
     pub convention: ActiveConvention,
     /// Share of the stress that acts along the sheet axis, by the same convention with the stretch along that axis.
     pub cross_fibre: f64,
+    /// The same along the normal of the sheet, which lies in the plane of the wall where sheets are transmural.
+    pub cross_sheet: f64,
 }
 
 impl ActiveLaw {
     /// The paper's: `S = Ta/λ² f⊗f`, nothing across.
-    pub const PAPER: Self = Self { convention: ActiveConvention::PerSquaredStretch, cross_fibre: 0.0 };
+    pub const PAPER: Self =
+        Self { convention: ActiveConvention::PerSquaredStretch, cross_fibre: 0.0, cross_sheet: 0.0 };
     /// The benchmarks': `S = Ta f⊗f`, nothing across.
-    pub const BENCHMARK: Self = Self { convention: ActiveConvention::SecondPiola, cross_fibre: 0.0 };
+    pub const BENCHMARK: Self = Self { convention: ActiveConvention::SecondPiola, cross_fibre: 0.0, cross_sheet: 0.0 };
 
     pub(super) fn check(&self) -> Result<(), MaterialError> {
-        MaterialError::unless((0.0..=1.0).contains(&self.cross_fibre), "cross_fibre", self.cross_fibre, "0 to 1")
+        MaterialError::unless((0.0..=1.0).contains(&self.cross_fibre), "cross_fibre", self.cross_fibre, "0 to 1")?;
+        MaterialError::unless((0.0..=1.0).contains(&self.cross_sheet), "cross_sheet", self.cross_sheet, "0 to 1")
     }
 
     #[inline(always)]
@@ -45,15 +49,17 @@ impl ActiveLaw {
         if TANGENT {
             out.d[at(0, 0)] = out.d[at(0, 0)] + slope_e * factor + ta * factor_slope;
         }
-        if self.cross_fibre > 0.0 {
-            let (factor, factor_slope) = self.factor(c[1]);
-            let share = ta.times(self.cross_fibre);
-            out.s[1] = share.mul_add(factor, out.s[1]);
-            if TANGENT {
-                out.d[at(1, 1)] = share.mul_add(factor_slope, out.d[at(1, 1)]);
-                // The stress across depends on the stretch along, not the other way round: the tangent is not
-                // symmetric. Newton gets the symmetric half of the coupling.
-                out.d[at(0, 1)] = out.d[at(0, 1)] + slope_e.times(0.5 * self.cross_fibre) * factor;
+        for (axis, cross) in [(1, self.cross_fibre), (2, self.cross_sheet)] {
+            if cross > 0.0 {
+                let (factor, factor_slope) = self.factor(c[axis]);
+                let share = ta.times(cross);
+                out.s[axis] = share.mul_add(factor, out.s[axis]);
+                if TANGENT {
+                    out.d[at(axis, axis)] = share.mul_add(factor_slope, out.d[at(axis, axis)]);
+                    // The stress across depends on the stretch along, not the other way round: the tangent is not
+                    // symmetric. Newton gets the symmetric half of the coupling.
+                    out.d[at(0, axis)] = out.d[at(0, axis)] + slope_e.times(0.5 * cross) * factor;
+                }
             }
         }
     }

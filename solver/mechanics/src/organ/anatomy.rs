@@ -3,7 +3,7 @@
 use std::borrow::Cow;
 
 use cardiotwin_mesh::NodeFibres;
-use cardiotwin_mesh::surface::{SurfaceDefect, openings};
+use cardiotwin_mesh::surface::{Surface, SurfaceDefect, openings};
 use cardiotwin_mesh::tet_mesh::{TetMesh, surface_names};
 
 use crate::boundary::NOT_HERE;
@@ -77,6 +77,37 @@ pub enum AnatomyError {
     },
 }
 
+/// The long axis of a ventricle.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LongAxis {
+    /// The epicardial node farthest from the base \[mm\].
+    pub apex_mm: [f64; 3],
+    /// Mean of the rim's nodes \[mm\].
+    pub base_mm: [f64; 3],
+}
+
+impl LongAxis {
+    fn of(mesh: &TetMesh) -> Self {
+        let at = |name: &str| {
+            let nodes = mesh.surface(name).map(Surface::nodes).unwrap_or_default();
+            nodes.into_iter().map(|node| mesh.nodes_mm[node as usize]).collect::<Vec<_>>()
+        };
+        let rim = at(surface_names::RIM);
+        let n = rim.len().max(1) as f64;
+        let base_mm = rim.iter().fold([0.0; 3], |sum: [f64; 3], x| std::array::from_fn(|i| sum[i] + x[i] / n));
+        let far = |x: &[f64; 3]| dot(minus(*x, base_mm), minus(*x, base_mm));
+        let apex_mm = at(surface_names::EPICARDIUM).into_iter().max_by(|a, b| far(a).total_cmp(&far(b)));
+        Self { apex_mm: apex_mm.unwrap_or(base_mm), base_mm }
+    }
+
+    /// Height of a point \[mm\] along the axis: 0 at the apex, 1 at the base and above.
+    #[must_use]
+    pub fn height(&self, x: [f64; 3]) -> f64 {
+        let axis = minus(self.base_mm, self.apex_mm);
+        (dot(minus(x, self.apex_mm), axis) / dot(axis, axis)).clamp(0.0, 1.0)
+    }
+}
+
 /// A left ventricle as it was imaged.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Anatomy {
@@ -104,6 +135,8 @@ pub struct Anatomy {
     pub septum: Option<Triangles>,
     /// Rim at the base.
     pub rim: Triangles,
+    /// From apex to base, in the image.
+    pub axis: LongAxis,
     /// Loops of nodes around the endocardium's openings; [`NOT_HERE`] for nodes that another rank owns.
     pub openings: Vec<Vec<u32>>,
 }
@@ -151,6 +184,7 @@ impl Anatomy {
             None => (mesh.nodes_mm.clone(), Tets::Linear(mesh.tets.clone())),
             Some(q) => (q.nodes, Tets::Quadratic(q.tets)),
         };
+        let axis = LongAxis::of(mesh);
         let (n_vertices, corners, volume) = (mesh.n_nodes(), mesh.tets.clone(), kind.volume);
         Ok(Self {
             nodes,
@@ -165,6 +199,7 @@ impl Anatomy {
             epicardium,
             septum,
             rim,
+            axis,
             openings,
         })
     }
@@ -199,6 +234,7 @@ impl Anatomy {
             epicardium: surface(&self.epicardium),
             septum: self.septum.as_ref().map(surface),
             rim: surface(&self.rim),
+            axis: self.axis,
             openings: self.openings.iter().map(|nodes| nodes.iter().map(owned).collect()).collect(),
         })
     }

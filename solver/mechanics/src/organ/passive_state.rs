@@ -5,6 +5,7 @@
 //! where the last one ended, and needs no load steps.
 
 use super::piece::Piece;
+use super::rigid::rigid_motion;
 use super::search::Search;
 use super::wall::{WallError, WallParameters, displacement};
 use crate::dynamics::{Candidate, Dynamics, State};
@@ -14,6 +15,9 @@ use crate::time_integration::Motion;
 
 /// A step so long that inertia and damping vanish \[ms\].
 const FOREVER_MS: f64 = 1e7;
+
+/// Most steps of a relaxation.
+const MOST_RELAXATIONS: usize = 60;
 
 /// Why there is no passive state.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -90,7 +94,7 @@ pub enum PassiveStateError {
 /// A wall with its unloaded geometry, in equilibrium at a pressure.
 #[derive(Debug)]
 pub struct PassiveState {
-    /// The wall, hung on its rim.
+    /// The wall on its supports.
     pub dynamics: Dynamics,
     /// Stiffness C \[kPa\].
     pub stiffness_kpa: f64,
@@ -102,7 +106,7 @@ pub struct PassiveState {
     pub newton_iterations: usize,
     /// Passes of the unloading so far.
     pub passes: usize,
-    /// What the rim's springs rest away from the image \[mm\]: so that they hold what is left of forces without moving it.
+    /// How far from the image the supports are at rest \[mm\]: a rigid motion, by which they hold forces that have a resultant.
     anchor: Vec<f64>,
     solver: Solver,
 }
@@ -123,16 +127,14 @@ impl PassiveState {
         unloaded: &[[f64; 3]],
         anchor: Vec<f64>,
     ) -> Result<Self, PassiveStateError> {
-        let mut dynamics = wall.hung(&piece.anatomy, unloaded, &piece.part, Box::new(piece.comm.clone()))?;
-        for (rest, anchor) in dynamics.supports[0].rest.iter_mut().zip(&anchor) {
-            *rest += anchor;
-        }
+        let comm = Box::new(piece.comm.clone());
+        let dynamics = wall.assemble_static(&piece.anatomy, unloaded, &anchor, &piece.part, comm)?;
         let (u, solver) = (vec![0.0; 3 * unloaded.len()], Solver::new());
         let stiffness_kpa = wall.muscle.c_kpa;
         Ok(Self { dynamics, stiffness_kpa, u, pressure_kpa: 0.0, newton_iterations: 0, passes: 0, anchor, solver })
     }
 
-    /// What the rim's springs rest away from the image \[mm\].
+    /// How far from the image the supports are at rest \[mm\], three numbers a node.
     #[must_use]
     pub fn anchor(&self) -> &[f64] {
         &self.anchor
@@ -164,26 +166,52 @@ impl PassiveState {
 
     /// Equilibrium at `pressure_kpa` from `guess`, at once.
     fn settle(&mut self, guess: Vec<f64>, pressure_kpa: f64, newton: &StepSettings) -> Result<(), StepError> {
+        self.settle_within(FOREVER_MS, guess, pressure_kpa, newton)
+    }
+
+    /// The end of a step of `dt_ms` from rest at `guess`, without damping.
+    fn settle_within(
+        &mut self,
+        dt_ms: f64,
+        guess: Vec<f64>,
+        pressure_kpa: f64,
+        newton: &StepSettings,
+    ) -> Result<(), StepError> {
         let n = guess.len();
         let now = State { motion: Motion::at_rest(guess.clone()), force: vec![0.0; n], pressure_kpa };
         let mut candidate = Candidate { motion: Motion { u: guess, ..Motion::default() }, ..Candidate::default() };
         let newton =
             StepSettings { least_pressure_kpa: newton.least_pressure_kpa.min(pressure_kpa.abs()).max(1e-3), ..*newton };
         let mut closure = Closure::Pressure(pressure_kpa);
-        let (_, report) = step(
-            &self.dynamics,
-            &now,
-            FOREVER_MS,
-            &mut candidate,
-            &mut Passive,
-            &mut closure,
-            &mut self.solver,
-            &newton,
-        )?;
+        let (_, report) =
+            step(&self.dynamics, &now, dt_ms, &mut candidate, &mut Passive, &mut closure, &mut self.solver, &newton)?;
         self.newton_iterations += report.iterations;
         self.u = candidate.motion.u;
         self.pressure_kpa = pressure_kpa;
         Ok(())
+    }
+
+    /// Equilibrium at `pressure_kpa` from where the wall is, by steps of a heart with mass that is stopped after each: the last
+    /// resort where Newton's method alone does not find it. A step goes down in energy, however far the equilibrium is.
+    fn relax(&mut self, pressure_kpa: f64, search: &mut Search<'_>) -> Result<(), PassiveStateError> {
+        let newton = search.settings.newton;
+        let mut dt_ms = 2.0;
+        let mut last = None;
+        for _ in 0..MOST_RELAXATIONS {
+            search.go_on(self, pressure_kpa)?;
+            match self.settle_within(dt_ms, self.u.clone(), pressure_kpa, &newton) {
+                Ok(()) if dt_ms >= FOREVER_MS => return Ok(()),
+                Ok(()) if dt_ms > 1e3 => dt_ms = FOREVER_MS,
+                Ok(()) => dt_ms *= 2.0,
+                Err(_) if dt_ms >= FOREVER_MS => dt_ms = 100.0,
+                Err(error) => {
+                    dt_ms *= 0.25;
+                    last = Some(error);
+                }
+            }
+        }
+        let source = last.unwrap_or(StepError::NotFinite { what: "the relaxation" });
+        Err(PassiveStateError::Inflation { reached_kpa: self.pressure_kpa, wanted_kpa: pressure_kpa, source })
     }
 
     /// Inflates (or lets air out) to `pressure_kpa` in steps that are halved on failure and grow after success.
@@ -216,8 +244,11 @@ impl PassiveState {
                     load = 0.5 * (target - reached);
                     before = None;
                     if load < settings.smallest_load {
-                        let reached_kpa = self.pressure_kpa;
-                        return Err(PassiveStateError::Inflation { reached_kpa, wanted_kpa: wanted, source });
+                        if self.relax(p, search).is_err() {
+                            let reached_kpa = self.pressure_kpa;
+                            return Err(PassiveStateError::Inflation { reached_kpa, wanted_kpa: wanted, source });
+                        }
+                        (reached, load) = (target, settings.first_load);
                     }
                 }
             }
@@ -349,9 +380,12 @@ impl PassiveState {
                 return Err(PassiveStateError::NotUnloaded { passes: pass, volume_error, distance_mm });
             }
             last_mm = distance_mm;
-            let change = mixing.change(self.dynamics.space(), &miss);
+            // A load with a resultant moves the heart on its supports: they follow, the unloaded geometry need not.
+            let rigid = rigid_motion(self.dynamics.space(), &piece.anatomy.nodes, &miss);
+            let strain: Vec<f64> = miss.iter().zip(&rigid).map(|(miss, rigid)| miss - rigid).collect();
+            let change = mixing.change(self.dynamics.space(), &strain);
             let moved: Vec<f64> = self.dynamics.body.reference().iter().zip(&change).map(|(x, c)| x + c).collect();
-            let anchor = self.anchor.iter().zip(&change).map(|(a, c)| a + c).collect();
+            let anchor = self.anchor.iter().zip(&rigid).map(|(anchor, rigid)| anchor - rigid).collect();
             *self = Self::at(piece, wall, moved.as_chunks::<3>().0, anchor)?.after(self);
             if !tight {
                 return Ok(());

@@ -3,7 +3,7 @@
 use std::borrow::Cow;
 use std::sync::Arc;
 
-use super::anatomy::{Anatomy, Tets, Triangles};
+use super::anatomy::{Anatomy, LongAxis, Tets, Triangles};
 use crate::element::kernel::VolumeChange;
 use crate::fibre_parcel;
 use crate::parallel::{Communicator, Opened, Parcel, Part, PartitionError, SingleProcess, owners};
@@ -104,6 +104,7 @@ pub(super) fn pack(anatomy: &Anatomy, to: &mut Parcel) {
     if anatomy.septum.is_none() {
         to.indices(&[]);
     }
+    to.numbers(&anatomy.axis.apex_mm).numbers(&anatomy.axis.base_mm);
     to.flags(&[anatomy.septum.is_some()]).indices(&[anatomy.openings.len() as u32]);
     anatomy.openings.iter().for_each(|nodes| _ = to.indices(nodes));
 }
@@ -120,6 +121,11 @@ pub(super) fn unpack(from: &mut Opened<'_>) -> Anatomy {
     let fibres = fibre_parcel::unpack(from);
     let mut triangles = || Triangles::Linear(from.indices().as_chunks().0.to_vec());
     let (endocardium, epicardium, rim, septum) = (triangles(), triangles(), triangles(), triangles());
+    let mut point = || {
+        let x = from.numbers();
+        [x[0], x[1], x[2]]
+    };
+    let axis = LongAxis { apex_mm: point(), base_mm: point() };
     let septum = from.flags()[0].then_some(septum);
     let openings = (0..from.indices()[0]).map(|_| from.indices()).collect();
     Anatomy {
@@ -135,6 +141,7 @@ pub(super) fn unpack(from: &mut Opened<'_>) -> Anatomy {
         epicardium,
         septum,
         rim,
+        axis,
         openings,
     }
 }

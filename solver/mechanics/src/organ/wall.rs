@@ -27,12 +27,15 @@ pub struct WallParameters {
     pub passive_kappa_kpa: f64,
     /// Density \[mg/mm³\].
     pub density: f64,
-    /// Springs along the normal of epicardium and septum \[kPa/mm\].
-    pub epicardial_spring: f64,
-    /// Springs in all directions on the rim \[kPa/mm\].
-    pub rim_spring: f64,
-    /// Share of the rim's springs that hold the heart in step 0, where nothing else does: 0 to 1, not 0.
-    pub static_rim_share: f64,
+    /// Pericardium: along the normal of epicardium and septum, at the apex; at rest in end-diastole.
+    pub pericardium: Spring,
+    /// Stiffness and damping of the pericardium at the base over those at the apex; linear in the height between.
+    pub pericardial_base_share: f64,
+    /// In all directions on the rim; at rest in end-diastole.
+    pub rim: Spring,
+    /// Stiffness of the springs on the rim that keep the wall from floating away while step 0 inflates it \[kPa/mm\], at rest in
+    /// the image.
+    pub static_spring: f64,
     /// Damping.
     pub damping: Rayleigh,
     /// Time integration: damping of the highest frequencies, 0 (at once) to 1 (never).
@@ -50,14 +53,24 @@ impl Default for WallParameters {
             passive_mu_kpa: 26.66,
             passive_kappa_kpa: 1000.0,
             density: 1.06,
-            epicardial_spring: 0.1,
-            rim_spring: 1.0,
-            static_rim_share: 0.3,
+            pericardium: Spring { stiffness: 0.5, damping: 0.0 },
+            pericardial_base_share: 1.0,
+            rim: Spring { stiffness: 0.02, damping: 0.0 },
+            static_spring: 0.3,
             damping: Rayleigh { mass_per_ms: 0.1, stiffness_ms: 0.1 },
             spectral_radius: 0.0,
             valve_plane: ValvePlane::HangsOnRim,
         }
     }
+}
+
+/// Springs and dashpots on a surface.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Spring {
+    /// Stiffness \[kPa/mm\].
+    pub stiffness: f64,
+    /// Damping \[kPa·ms/mm\].
+    pub damping: f64,
 }
 
 /// Why there is no wall.
@@ -89,9 +102,12 @@ pub enum WallError {
 impl WallParameters {
     fn check(&self) -> Result<(), WallError> {
         let rules = [
-            ("epicardial_spring", self.epicardial_spring, self.epicardial_spring >= 0.0, "zero or more"),
-            ("rim_spring", self.rim_spring, self.rim_spring > 0.0, "positive"),
-            ("static_rim_share", self.static_rim_share, self.static_rim_share > 0.0, "positive"),
+            ("pericardial spring", self.pericardium.stiffness, self.pericardium.stiffness >= 0.0, "zero or more"),
+            ("pericardial dashpot", self.pericardium.damping, self.pericardium.damping >= 0.0, "zero or more"),
+            ("base share", self.pericardial_base_share, self.pericardial_base_share >= 0.0, "zero or more"),
+            ("rim spring", self.rim.stiffness, self.rim.stiffness > 0.0, "positive"),
+            ("rim dashpot", self.rim.damping, self.rim.damping >= 0.0, "zero or more"),
+            ("static spring", self.static_spring, self.static_spring > 0.0, "positive"),
             ("mass damping", self.damping.mass_per_ms, self.damping.mass_per_ms >= 0.0, "zero or more"),
             ("stiffness damping", self.damping.stiffness_ms, self.damping.stiffness_ms >= 0.0, "zero or more"),
         ];
@@ -101,17 +117,19 @@ impl WallParameters {
         }
     }
 
-    /// A rank's part of the wall with its unloaded nodes at `unloaded`, hung on the rim alone: what step 0 works with.
-    /// Collective.
+    /// A rank's part of the wall with its unloaded nodes at `unloaded`, without damping, held by springs on the rim
+    /// alone: what step 0 works with. Collective.
     ///
     /// - `anatomy`, `unloaded`: of the `part`, see [`Anatomy::part`]
+    /// - `anchor`: how far from the image the supports are at rest \[mm\], three numbers a node
     ///
     /// # Errors
     /// [`WallError`] for bad parameters, elements or surfaces; of elements on all ranks.
-    pub fn hung(
+    pub fn assemble_static(
         &self,
         anatomy: &Anatomy,
         unloaded: &[[f64; 3]],
+        anchor: &[f64],
         part: &Part,
         comm: Box<dyn Communicator>,
     ) -> Result<Dynamics, WallError> {
@@ -157,38 +175,54 @@ impl WallParameters {
         let mut dynamics = Dynamics::new(body, comm, GeneralisedAlpha::with_spectral_radius(self.spectral_radius));
         dynamics.cavity = Some(cavity);
         dynamics.elements.clone_from(&part.elements);
-        // At rest in the imaged configuration, which is the one that forces are balanced in.
-        let rest = displacement(&anatomy.nodes, unloaded);
-        dynamics.supports = vec![self.on_rim(anatomy, &dynamics, self.static_rim_share * self.rim_spring, rest)?];
+        let mut rest = displacement(&anatomy.nodes, unloaded);
+        rest.iter_mut().zip(anchor).for_each(|(rest, anchor)| *rest += anchor);
+        let none = Spring { stiffness: 0.0, damping: 0.0 };
+        let hold = Spring { stiffness: self.static_spring, damping: 0.0 };
+        let held = Self { pericardium: none, rim: hold, ..self.clone() };
+        dynamics.supports = held.supports(anatomy, &anatomy.nodes, &rest, dynamics.body.pattern())?;
         Ok(dynamics)
     }
 
-    /// Puts the beat's supports and damping on a wall that hangs in equilibrium at displacement `u`: springs of epicardium
-    /// and septum at rest there, those of the rim such that they hold what the weaker ones held.
+    /// Puts the beat's supports and damping on a wall in equilibrium at displacement `u`: springs of epicardium and septum at rest
+    /// there, those of the rim such that they hold what the static ones held.
     ///
     /// # Errors
     /// [`WallError::Surface`] for a bad surface.
     pub fn support(&self, anatomy: &Anatomy, dynamics: &mut Dynamics, u: &[f64]) -> Result<(), WallError> {
-        let before = &dynamics.supports[0].rest;
-        let share = self.static_rim_share;
-        let rest = u.iter().zip(before).map(|(u, before)| u - share * (u - before)).collect();
-        let mut supports = vec![self.on_rim(anatomy, dynamics, self.rim_spring, rest)?];
-        let loaded: Vec<f64> = dynamics.body.reference().iter().zip(u).map(|(x, u)| x + u).collect();
-        let outer = [("epicardium", Some(&anatomy.epicardium)), ("septum", anatomy.septum.as_ref())];
-        for (name, triangles) in outer {
-            if let (Some(triangles), true) = (triangles, self.epicardial_spring > 0.0) {
-                let robin = robin(name, triangles, RobinDirection::Normal, &loaded, dynamics.body.pattern())?;
-                supports.push(Support { robin, spring: self.epicardial_spring, dashpot: 0.0, rest: u.to_vec() });
-            }
-        }
+        let reference = dynamics.body.reference().iter().zip(u);
+        let loaded: Vec<[f64; 3]> = reference.map(|(x, u)| x + u).collect::<Vec<_>>().as_chunks().0.to_vec();
+        let mut supports = self.supports(anatomy, &loaded, u, dynamics.body.pattern())?;
+        let (held, share) = (&dynamics.supports[0].rest, self.static_spring / self.rim.stiffness);
+        supports[0].rest = u.iter().zip(held).map(|(u, held)| u - share * (u - held)).collect();
         dynamics.supports = supports;
         dynamics.damping = self.damping;
         Ok(())
     }
 
-    fn on_rim(&self, a: &Anatomy, d: &Dynamics, spring: f64, rest: Vec<f64>) -> Result<Support, WallError> {
-        let robin = robin("rim", &a.rim, RobinDirection::All, d.body.reference(), d.body.pattern())?;
-        Ok(Support { robin, spring, dashpot: 0.0, rest })
+    /// Pericardium and rim, on surfaces whose nodes lie at `positions`, at rest at displacement `rest`.
+    fn supports(
+        &self,
+        anatomy: &Anatomy,
+        positions: &[[f64; 3]],
+        rest: &[f64],
+        pattern: &Pattern,
+    ) -> Result<Vec<Support>, WallError> {
+        let scaled = |x: [f64; 3]| 1.0 + (self.pericardial_base_share - 1.0) * anatomy.axis.height(x);
+        let even = |_: [f64; 3]| 1.0;
+        let surfaces: [Supported<'_>; 3] = [
+            ("rim", Some(&anatomy.rim), RobinDirection::All, self.rim, &even),
+            ("epicardium", Some(&anatomy.epicardium), RobinDirection::Normal, self.pericardium, &scaled),
+            ("septum", anatomy.septum.as_ref(), RobinDirection::Normal, self.pericardium, &scaled),
+        ];
+        let mut supports = vec![];
+        for (name, triangles, direction, Spring { stiffness, damping }, share) in surfaces {
+            if let (Some(triangles), true) = (triangles, stiffness > 0.0 || damping > 0.0) {
+                let robin = robin(name, triangles, direction, positions.as_flattened(), pattern, share)?;
+                supports.push(Support { robin, spring: stiffness, dashpot: damping, rest: rest.to_vec() });
+            }
+        }
+        Ok(supports)
     }
 
     fn cavity(
@@ -218,16 +252,20 @@ pub(super) fn displacement(to: &[[f64; 3]], from: &[[f64; 3]]) -> Vec<f64> {
     to.as_flattened().iter().zip(from.as_flattened()).map(|(a, b)| a - b).collect()
 }
 
+/// A surface with its support: name, triangles, direction, spring, share of it at a point.
+type Supported<'a> = (&'static str, Option<&'a Triangles>, RobinDirection, Spring, &'a dyn Fn([f64; 3]) -> f64);
+
 fn robin(
     name: &'static str,
     triangles: &Triangles,
     direction: RobinDirection,
     reference: &[f64],
     pattern: &Pattern,
+    share: &dyn Fn([f64; 3]) -> f64,
 ) -> Result<Robin, WallError> {
     match triangles {
-        Triangles::Linear(t) => Robin::new(t, direction, reference, pattern),
-        Triangles::Quadratic(t) => Robin::new(t, direction, reference, pattern),
+        Triangles::Linear(t) => Robin::weighted(t, direction, reference, pattern, share),
+        Triangles::Quadratic(t) => Robin::weighted(t, direction, reference, pattern, share),
     }
     .map_err(|source| WallError::Surface { name, source })
 }
