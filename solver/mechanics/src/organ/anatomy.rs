@@ -29,6 +29,13 @@ impl ElementKind {
     pub const QUADRATIC_NODAL: Self = Self { quadratic: true, volume: VolumeChange::Nodal { pointwise_share: 0.0 } };
 }
 
+/// A cohort's elements, where it asks for no others.
+impl Default for ElementKind {
+    fn default() -> Self {
+        Self::LINEAR_NODAL
+    }
+}
+
 /// Triangles of a surface with three or six nodes.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Triangles {
@@ -91,6 +98,8 @@ pub struct Anatomy {
     pub volume: VolumeChange,
     /// Whether an element contracts.
     pub contracts: Vec<bool>,
+    /// Tag of each element.
+    pub tags: Vec<i32>,
     /// Fibre frame of each element in the imaged configuration; any axes in passive tissue.
     pub frames: Vec<Frame>,
     /// Endocardium.
@@ -156,6 +165,7 @@ impl Anatomy {
             corners,
             volume,
             contracts,
+            tags: mesh.tags.clone(),
             frames,
             endocardium,
             epicardium,
@@ -189,6 +199,7 @@ impl Anatomy {
             corners: elements().map(|e| self.corners[e].map(of)).collect(),
             volume: self.volume,
             contracts: elements().map(|e| self.contracts[e]).collect(),
+            tags: elements().map(|e| self.tags[e]).collect(),
             frames: elements().map(|e| self.frames[e]).collect(),
             endocardium: surface(&self.endocardium),
             epicardium: surface(&self.epicardium),

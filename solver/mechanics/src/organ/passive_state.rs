@@ -67,6 +67,15 @@ pub enum PassiveStateError {
         /// Unloaded volume found.
         found_unloaded_ml: f64,
     },
+    /// Two volumes, or a change of the exponents, asked of a law that has a stiffness alone.
+    #[error(
+        "the {law} law of muscle has a stiffness to fit and no exponents: it meets one volume, and end-diastole and unloaded \
+         volume are two, or its exponents are to be changed; expected Guccione's or Holzapfel and Ogden's law"
+    )]
+    NoExponents {
+        /// Which.
+        law: &'static str,
+    },
     /// No stiffness fits.
     #[error(
         "no stiffness gives a volume of {wanted_ml:.2} mL: {low_kpa:.3} kPa gives {at_low_ml:.2} mL, {high_kpa:.3} kPa gives \
@@ -92,7 +101,7 @@ pub enum PassiveStateError {
 pub struct PassiveState {
     /// The wall, hung on its rim.
     pub dynamics: Dynamics,
-    /// Stiffness C \[kPa\].
+    /// Stiffness of the law, see [`crate::material::Law::stiffness_kpa`] \[kPa\].
     pub stiffness_kpa: f64,
     /// Displacement from the unloaded geometry \[mm\].
     pub u: Vec<f64>,
@@ -128,7 +137,7 @@ impl PassiveState {
             *rest += anchor;
         }
         let (u, solver) = (vec![0.0; 3 * unloaded.len()], Solver::new());
-        let stiffness_kpa = wall.muscle.c_kpa;
+        let stiffness_kpa = wall.muscle.stiffness_kpa();
         Ok(Self { dynamics, stiffness_kpa, u, pressure_kpa: 0.0, newton_iterations: 0, passes: 0, anchor, solver })
     }
 

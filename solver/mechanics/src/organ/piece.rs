@@ -95,6 +95,8 @@ pub(super) fn pack(anatomy: &Anatomy, to: &mut Parcel) {
         VolumeChange::Pointwise => vec![],
         VolumeChange::Nodal { pointwise_share } => vec![pointwise_share],
     });
+    // As bits: a parcel's indices have no sign.
+    to.indices(&anatomy.tags.iter().map(|tag| tag.cast_unsigned()).collect::<Vec<u32>>());
     to.flags(&anatomy.contracts).numbers(anatomy.frames.as_flattened().as_flattened());
     for surface in [&anatomy.endocardium, &anatomy.epicardium, &anatomy.rim].into_iter().chain(&anatomy.septum) {
         to.indices(triangles(surface).as_flattened());
@@ -114,6 +116,7 @@ pub(super) fn unpack(from: &mut Opened<'_>) -> Anatomy {
         [pointwise_share] => VolumeChange::Nodal { pointwise_share: *pointwise_share },
         _ => VolumeChange::Pointwise,
     };
+    let tags = from.indices().into_iter().map(u32::cast_signed).collect();
     let (contracts, frames) = (from.flags(), from.numbers().as_chunks::<3>().0.as_chunks::<3>().0.to_vec());
     let mut triangles = || Triangles::Linear(from.indices().as_chunks().0.to_vec());
     let (endocardium, epicardium, rim, septum) = (triangles(), triangles(), triangles(), triangles());
@@ -126,6 +129,7 @@ pub(super) fn unpack(from: &mut Opened<'_>) -> Anatomy {
         corners: tets,
         volume,
         contracts,
+        tags,
         frames,
         endocardium,
         epicardium,

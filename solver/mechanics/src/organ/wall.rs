@@ -16,7 +16,7 @@ use crate::time_integration::GeneralisedAlpha;
 #[derive(Debug, Clone, PartialEq)]
 pub struct WallParameters {
     /// Muscle.
-    pub muscle: Guccione,
+    pub muscle: Law,
     /// Bulk modulus of muscle \[kPa\].
     pub muscle_kappa_kpa: f64,
     /// Active stress of muscle.
@@ -25,6 +25,8 @@ pub struct WallParameters {
     pub passive_mu_kpa: f64,
     /// Bulk modulus of passive tissue \[kPa\].
     pub passive_kappa_kpa: f64,
+    /// Passive tissue of its own by the mesh's tags.
+    pub passive_of_tags: Vec<PassiveTissue>,
     /// Density \[mg/mm³\].
     pub density: f64,
     /// Springs along the normal of epicardium and septum \[kPa/mm\].
@@ -41,14 +43,26 @@ pub struct WallParameters {
     pub valve_plane: ValvePlane,
 }
 
+/// Neo-Hookean tissue of one of the mesh's tags, which does not contract.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PassiveTissue {
+    /// The tag.
+    pub tag: i32,
+    /// Shear modulus \[kPa\].
+    pub mu_kpa: f64,
+    /// Bulk modulus \[kPa\].
+    pub kappa_kpa: f64,
+}
+
 impl Default for WallParameters {
     fn default() -> Self {
         Self {
-            muscle: Guccione::guccione1995(1.0),
+            muscle: Law::Guccione(Guccione::guccione1995(1.0)),
             muscle_kappa_kpa: 1000.0,
             active: ActiveLaw::PAPER,
             passive_mu_kpa: 26.66,
             passive_kappa_kpa: 1000.0,
+            passive_of_tags: vec![],
             density: 1.06,
             epicardial_spring: 0.1,
             rim_spring: 1.0,
@@ -123,16 +137,19 @@ impl WallParameters {
             active,
             density: self.density,
         };
-        let tissues = vec![
-            tissue(Law::Guccione(self.muscle), self.muscle_kappa_kpa, VolumetricLaw::LnSquared, Some(self.active)),
-            tissue(
-                Law::NeoHookean(NeoHookean { mu_kpa: self.passive_mu_kpa }),
-                self.passive_kappa_kpa,
-                VolumetricLaw::Quadratic,
-                None,
-            ),
-        ];
-        let tissue_of: Vec<usize> = anatomy.contracts.iter().map(|c| usize::from(!c)).collect();
+        let passive = |mu_kpa, kappa_kpa| {
+            tissue(Law::NeoHookean(NeoHookean { mu_kpa }), kappa_kpa, VolumetricLaw::Quadratic, None)
+        };
+        let muscle = tissue(self.muscle, self.muscle_kappa_kpa, VolumetricLaw::LnSquared, Some(self.active));
+        let mut tissues = vec![muscle, passive(self.passive_mu_kpa, self.passive_kappa_kpa)];
+        tissues.extend(self.passive_of_tags.iter().map(|of| passive(of.mu_kpa, of.kappa_kpa)));
+        let tissue_of: Vec<usize> = (anatomy.contracts.iter().zip(&anatomy.tags))
+            .map(|(contracts, tag)| match self.passive_of_tags.iter().position(|of| of.tag == *tag) {
+                _ if *contracts => 0,
+                Some(own) => 2 + own,
+                None => 1,
+            })
+            .collect();
         let frame = |e: usize, _: [f64; 3]| frames[e];
         let (n_vertices, volume) = (anatomy.n_vertices, anatomy.volume);
         macro_rules! input {
