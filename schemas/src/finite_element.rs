@@ -3,6 +3,7 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::muscle::{ActiveConvention, HolzapfelOgdenSettings, MuscleLaw, PassiveTissues};
 use crate::organ::EffectSpec;
 use crate::task::InputFile;
 
@@ -47,9 +48,11 @@ pub enum Electrophysiology {
 }
 
 /// Material, supports and damping of the wall. Those without a source are assumptions (docs/models.md).
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct WallSettings {
+    /// Passive law of muscle.
+    pub muscle_law: MuscleLaw,
     /// Guccione's C with which the search for the patient's begins.
     #[serde(rename = "guccione_C_kPa")]
     pub guccione_c_kpa: f64,
@@ -59,15 +62,32 @@ pub struct WallSettings {
     pub b_t: f64,
     /// Exponent of fibre shear.
     pub b_fs: f64,
+    /// Constants of Holzapfel and Ogden's law; the search for the patient's moduli begins with them.
+    pub holzapfel_ogden: HolzapfelOgdenSettings,
+    /// Shear modulus of a neo-Hookean muscle with which the search for the patient's begins.
+    #[serde(rename = "neo_hookean_mu_kPa")]
+    pub neo_hookean_mu_kpa: f64,
     /// Bulk modulus of muscle.
     #[serde(rename = "kappa_kPa")]
     pub kappa_kpa: f64,
-    /// Shear modulus of the aortic root.
+    /// How active stress acts along the fibre.
+    pub active_convention: ActiveConvention,
+    /// Share of the active stress that acts along the sheet, too; shares of effects come on top.
+    pub cross_fibre_share: f64,
+    /// How long contraction lasts at the epicardium over how long at the endocardium; linear in the depth between.
+    pub epicardial_duration_share: f64,
+    /// Share of the active stress that acts along the normal of the sheet, across the fibre in the plane of the wall where
+    /// sheets are transmural.
+    pub sheet_normal_share: f64,
+    /// Shear modulus of the aortic root, and of all passive tissue that has no entry in `passive`.
     #[serde(rename = "aorta_mu_kPa")]
     pub aorta_mu_kpa: f64,
     /// Bulk modulus of the aortic root.
     #[serde(rename = "aorta_kappa_kPa")]
     pub aorta_kappa_kpa: f64,
+    /// Passive tissue of its own by the mesh's tags.
+    #[serde(skip_serializing_if = "PassiveTissues::is_empty")]
+    pub passive: PassiveTissues,
     /// Density.
     pub density_g_per_mm3: f64,
     /// Rayleigh damping by mass.
@@ -95,20 +115,28 @@ pub struct WallSettings {
 impl Default for WallSettings {
     fn default() -> Self {
         Self {
+            muscle_law: MuscleLaw::default(),
             guccione_c_kpa: 0.42,
             b_f: 18.48,
             b_t: 3.58,
             b_fs: 1.627,
+            holzapfel_ogden: HolzapfelOgdenSettings::default(),
+            neo_hookean_mu_kpa: 5.0,
             kappa_kpa: 1000.0,
+            active_convention: ActiveConvention::default(),
+            cross_fibre_share: 0.0,
+            epicardial_duration_share: 0.9,
+            sheet_normal_share: 0.4,
             aorta_mu_kpa: 26.66,
             aorta_kappa_kpa: 1000.0,
+            passive: PassiveTissues::new(),
             density_g_per_mm3: 1.06e-3,
             mass_damping_per_ms: 0.1,
             stiffness_damping_ms: 0.1,
-            epicardial_spring_kpa_per_mm: 0.5,
+            epicardial_spring_kpa_per_mm: 1.0,
             epicardial_dashpot_kpa_ms_per_mm: 0.0,
-            epicardial_base_share: 1.0,
-            rim_spring_kpa_per_mm: 0.02,
+            epicardial_base_share: 0.2,
+            rim_spring_kpa_per_mm: 0.1,
             rim_dashpot_kpa_ms_per_mm: 0.0,
             spectral_radius: 0.0,
         }
@@ -153,8 +181,32 @@ impl Default for ConductionSettings {
     }
 }
 
-/// The finite-element ventricle: `[solver.finite_element]`.
+/// What keeps Newton's method on its way: `[solver.finite_element.newton]`.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct NewtonSettings {
+    /// An iteration's step is halved so often at most; then the time step fails, and is halved itself.
+    pub halvings: u32,
+    /// It is halved when an element's volume would shrink below this share.
+    pub smallest_volume_ratio: f64,
+    /// Farthest that an iteration moves a node; 0: as far as it likes.
+    pub farthest_mm: f64,
+}
+
+impl Default for NewtonSettings {
+    fn default() -> Self {
+        Self { halvings: 4, smallest_volume_ratio: 0.1, farthest_mm: 0.0 }
+    }
+}
+
+impl NewtonSettings {
+    fn are_default(&self) -> bool {
+        *self == Self::default()
+    }
+}
+
+/// The finite-element ventricle: `[solver.finite_element]`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct FiniteElementSettings {
     /// About how many nodes the generated mesh has.
@@ -165,6 +217,8 @@ pub struct FiniteElementSettings {
     pub tolerance: f64,
     /// Newton iterations after which a step fails.
     pub newton_iterations: u32,
+    /// What keeps Newton's method on its way.
+    pub newton: NewtonSettings,
     /// How linear systems are solved.
     pub linear_solver: LinearSolver,
     /// Longest time step of late filling: after ejection, with the mitral valve open, while pressure changes by less than 0.1 mmHg
@@ -193,6 +247,7 @@ impl Default for FiniteElementSettings {
             element: ElementKind::default(),
             tolerance: 1e-4,
             newton_iterations: 12,
+            newton: NewtonSettings::default(),
             linear_solver: LinearSolver::default(),
             diastolic_step_ms: 0.0,
             wall: WallSettings::default(),
@@ -211,7 +266,7 @@ impl FiniteElementSettings {
         AnatomySpec {
             mesh_nodes: self.mesh_nodes,
             element: self.element,
-            wall: self.wall,
+            wall: self.wall.clone(),
             fibres: self.fibres,
             conduction: self.conduction,
             effects: effects.iter().filter(of_the_law).cloned().collect(),
@@ -221,8 +276,8 @@ impl FiniteElementSettings {
     /// What a beat needs of them.
     #[must_use]
     pub fn equations(&self) -> EquationSettings {
-        let Self { tolerance, linear_solver, diastolic_step_ms, .. } = *self;
-        EquationSettings { tolerance, linear_solver, diastolic_step_ms, potentials: None }
+        let Self { tolerance, newton, linear_solver, diastolic_step_ms, .. } = *self;
+        EquationSettings { tolerance, newton, linear_solver, diastolic_step_ms, potentials: None }
     }
 }
 
@@ -284,6 +339,9 @@ pub struct OwnMesh {
 pub struct EquationSettings {
     /// Residual of a time step over the scale of its forces.
     pub tolerance: f64,
+    /// What keeps Newton's method on its way.
+    #[serde(default, skip_serializing_if = "NewtonSettings::are_default")]
+    pub newton: NewtonSettings,
     /// How linear systems are solved.
     pub linear_solver: LinearSolver,
     /// Longest time step of late filling \[ms\]; 0: as any other.
@@ -334,10 +392,10 @@ pub struct VentricleFigures {
     /// Pressure at end-diastole.
     #[serde(rename = "end_diastolic_pressure_mmHg")]
     pub end_diastolic_pressure_mmhg: f64,
-    /// Guccione's C, fitted or given.
+    /// Stiffness of the muscle's law, fitted or given: Guccione's C, Holzapfel and Ogden's a, the neo-Hookean µ.
     #[serde(rename = "stiffness_kPa")]
     pub stiffness_kpa: f64,
-    /// Factor of all exponents of Guccione's law.
+    /// Factor of all exponents of the law; 1 for one without.
     pub exponent_factor: f64,
     /// First activation after the beat's start.
     pub onset_ms: f64,

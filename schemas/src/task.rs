@@ -84,7 +84,7 @@ impl TaskSpec {
         match self {
             Self::CellFit(_) => 3,
             Self::Discover(_) | Self::PassiveState(_) | Self::Step1Proposal(_) => 3,
-            Self::OrganBeat(_) => 2,
+            Self::OrganBeat(_) => 3,
             Self::Targets(_) | Self::CellSweep(_) | Self::Noop(_) => 1,
         }
     }

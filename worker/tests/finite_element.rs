@@ -9,8 +9,10 @@ use std::time::Duration;
 
 use cardiotwin_mesh::LengthUnit;
 use cardiotwin_mesh::files::vtu;
+use cardiotwin_schemas::failure::FailureClass;
 use cardiotwin_schemas::finite_element::{FiniteElementSettings, VentricleFigures};
 use cardiotwin_schemas::heart::HeartSurface;
+use cardiotwin_schemas::muscle::{ActiveConvention, MuscleLaw, PassiveTissueSettings};
 use cardiotwin_schemas::organ::{ContractionSpec, EffectSpec, OrganSpec, Step1Parameters};
 use cardiotwin_schemas::outcome::{Ending, OrganBeatResult, PassiveStateResult, TaskResult};
 use cardiotwin_schemas::settings::StartMode;
@@ -315,4 +317,64 @@ fn diastasis_starts_from_the_image_at_end_diastolic_pressure() {
     assert_eq!((found.image_volume_ml, found.stiffness_kpa), (138.5, 2.0));
     assert!((found.end_diastolic_volume_ml - 138.5).abs() < 0.3, "{found:?}");
     assert_eq!(found.end_diastolic_pressure_mmhg, found.image_pressure_mmhg);
+}
+
+/// Step 0 and a beat of 01-CoA with these settings of the wall.
+fn beat_with(change: impl FnOnce(&mut FiniteElementSettings)) -> (VentricleFigures, OrganBeatResult) {
+    let folder = tempfile::tempdir().unwrap();
+    let mut context = Context::plain(folder.path(), 1);
+    let mut settings = coarse();
+    change(&mut settings);
+    let spec = PassiveStateSpec { finite_element: Some(settings.anatomy(&[])), ..step0("01-CoA") };
+    let state = passive_state(&spec, &mut context);
+    let beat = OrganBeatSpec { finite_element: Some(settings.equations()), ..beat(&state, spec.cycle_length_ms) };
+    let result = finished(run(&beat, &mut context));
+    assert_eq!(result.failed_check(), None);
+    (figures(&state), result)
+}
+
+#[test]
+fn a_cohort_has_the_laws_and_conventions_that_it_asks_for() {
+    let (plain, usual) = beat_with(|_| {});
+    let stroke = |result: &OrganBeatResult| result.biomarkers.sv_ml.unwrap();
+
+    let (figures, ogden) = beat_with(|s| s.wall.muscle_law = MuscleLaw::HolzapfelOgden);
+    assert!((figures.end_diastolic_volume_ml / plain.end_diastolic_volume_ml - 1.0).abs() < 2e-3, "{figures:?}");
+    assert!((figures.unloaded_volume_ml / plain.unloaded_volume_ml - 1.0).abs() < 0.02, "{figures:?}");
+    // Its modulus is told, a fraction of Guccione's C.
+    assert!(figures.stiffness_kpa < 0.3 * plain.stiffness_kpa, "{} {}", figures.stiffness_kpa, plain.stiffness_kpa);
+    assert!((stroke(&ogden) / stroke(&usual) - 1.0).abs() < 0.3, "{} {}", stroke(&ogden), stroke(&usual));
+
+    // The same tension per reference area pulls less where fibres are short than that over λ.
+    let (same, first) = beat_with(|s| s.wall.active_convention = ActiveConvention::FirstPiola);
+    assert_eq!(same.stiffness_kpa, plain.stiffness_kpa, "the passive law is none of its business");
+    assert!(stroke(&first) < 0.95 * stroke(&usual), "{} {}", stroke(&first), stroke(&usual));
+
+    // The settings of Newton's method reach the beat: short steps take more iterations.
+    let (_, careful) = beat_with(|s| s.newton.farthest_mm = 0.2);
+    assert!((stroke(&careful) / stroke(&usual) - 1.0).abs() < 2e-3, "{} {}", stroke(&careful), stroke(&usual));
+}
+
+#[test]
+fn a_law_or_tag_that_cannot_be_is_refused_with_its_key() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut context = Context::plain(folder.path(), 1);
+    let mut refused = |settings: FiniteElementSettings, guccione_c_kpa| {
+        let spec = PassiveStateSpec { finite_element: Some(settings.anatomy(&[])), guccione_c_kpa, ..step0("01-CoA") };
+        match run_task(&TaskSpec::PassiveState(Box::new(spec)), &mut context) {
+            Ending::Failed { failure } => failure,
+            other => panic!("{other:?}"),
+        }
+    };
+    let mut tagged = coarse();
+    tagged.wall.passive.insert(7, PassiveTissueSettings { mu_kpa: 10.0, kappa_kpa: 100.0 });
+    let failure = refused(tagged, None);
+    assert_eq!(failure.class, FailureClass::Input);
+    assert!(failure.message.contains("solver.finite_element.wall.passive.7"), "{failure:?}");
+    assert!(failure.message.contains("expected one of 2"), "{failure:?}");
+    let mut ogden = coarse();
+    ogden.wall.muscle_law = MuscleLaw::HolzapfelOgden;
+    let failure = refused(ogden, Some(0.5));
+    assert_eq!(failure.class, FailureClass::Input);
+    assert!(failure.message.contains("passive.guccione_C_kPa"), "{failure:?}");
 }

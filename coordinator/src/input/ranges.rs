@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use cardiotwin_schemas::finite_element::FiniteElementSettings;
+use cardiotwin_schemas::finite_element::{FiniteElementSettings, WallSettings};
 use cardiotwin_schemas::notices::NoticeSettings;
 use cardiotwin_schemas::organ::CELL_PARAMETERS;
 use cardiotwin_schemas::settings::{
@@ -180,31 +180,11 @@ impl List {
         self.count(&key("newton_iterations"), settings.newton_iterations, 1, 1000);
         self.positive(&key("tolerance"), settings.tolerance, 0.1);
         self.within(&key("diastolic_step_ms"), settings.diastolic_step_ms, 0.0, 20.0);
-        let wall = &settings.wall;
-        for (name, value, high) in [
-            ("guccione_C_kPa", wall.guccione_c_kpa, 100.0),
-            ("b_f", wall.b_f, 1e3),
-            ("b_t", wall.b_t, 1e3),
-            ("b_fs", wall.b_fs, 1e3),
-            ("kappa_kPa", wall.kappa_kpa, 1e8),
-            ("aorta_mu_kPa", wall.aorta_mu_kpa, 1e5),
-            ("aorta_kappa_kPa", wall.aorta_kappa_kpa, 1e8),
-            ("density_g_per_mm3", wall.density_g_per_mm3, 1.0),
-            ("rim_spring_kPa_per_mm", wall.rim_spring_kpa_per_mm, 1e5),
-        ] {
-            self.positive(&key(&format!("wall.{name}")), value, high);
-        }
-        for (name, value, high) in [
-            ("mass_damping_per_ms", wall.mass_damping_per_ms, 100.0),
-            ("stiffness_damping_ms", wall.stiffness_damping_ms, 100.0),
-            ("epicardial_spring_kPa_per_mm", wall.epicardial_spring_kpa_per_mm, 1e5),
-            ("epicardial_dashpot_kPa_ms_per_mm", wall.epicardial_dashpot_kpa_ms_per_mm, 1e5),
-            ("epicardial_base_share", wall.epicardial_base_share, 100.0),
-            ("rim_dashpot_kPa_ms_per_mm", wall.rim_dashpot_kpa_ms_per_mm, 1e5),
-            ("spectral_radius", wall.spectral_radius, 1.0),
-        ] {
-            self.within(&key(&format!("wall.{name}")), value, 0.0, high);
-        }
+        let newton = &settings.newton;
+        self.count(&key("newton.halvings"), newton.halvings, 0, 30);
+        self.within(&key("newton.smallest_volume_ratio"), newton.smallest_volume_ratio, 0.0, 0.9);
+        self.within(&key("newton.farthest_mm"), newton.farthest_mm, 0.0, 1e3);
+        self.wall(&settings.wall);
         let fibres = &settings.fibres;
         for (name, value) in [
             ("alpha_endo_deg", fibres.alpha_endo_deg),
@@ -218,6 +198,53 @@ impl List {
         self.positive(&key("conduction.along_m_per_s"), speeds.along_m_per_s, 100.0);
         self.positive(&key("conduction.across_m_per_s"), speeds.across_m_per_s, 100.0);
         self.within(&key("conduction.endocardium_m_per_s"), speeds.endocardium_m_per_s, 0.0, 100.0);
+    }
+
+    fn wall(&mut self, wall: &WallSettings) {
+        let key = |name: &str| format!("solver.finite_element.wall.{name}");
+        let ogden = &wall.holzapfel_ogden;
+        for (name, value, high) in [
+            ("guccione_C_kPa", wall.guccione_c_kpa, 100.0),
+            ("b_f", wall.b_f, 1e3),
+            ("b_t", wall.b_t, 1e3),
+            ("b_fs", wall.b_fs, 1e3),
+            ("holzapfel_ogden.a_kPa", ogden.a_kpa, 1e3),
+            ("holzapfel_ogden.b", ogden.b, 1e3),
+            ("holzapfel_ogden.b_f", ogden.b_f, 1e3),
+            ("holzapfel_ogden.b_s", ogden.b_s, 1e3),
+            ("holzapfel_ogden.b_fs", ogden.b_fs, 1e3),
+            ("holzapfel_ogden.switch", ogden.switch, 1e4),
+            ("neo_hookean_mu_kPa", wall.neo_hookean_mu_kpa, 1e3),
+            ("kappa_kPa", wall.kappa_kpa, 1e8),
+            ("aorta_mu_kPa", wall.aorta_mu_kpa, 1e5),
+            ("aorta_kappa_kPa", wall.aorta_kappa_kpa, 1e8),
+            ("density_g_per_mm3", wall.density_g_per_mm3, 1.0),
+            ("rim_spring_kPa_per_mm", wall.rim_spring_kpa_per_mm, 1e5),
+        ] {
+            self.positive(&key(name), value, high);
+        }
+        for (name, value, high) in [
+            ("holzapfel_ogden.a_f_kPa", ogden.a_f_kpa, 1e4),
+            ("holzapfel_ogden.a_s_kPa", ogden.a_s_kpa, 1e4),
+            ("holzapfel_ogden.a_fs_kPa", ogden.a_fs_kpa, 1e4),
+            ("cross_fibre_share", wall.cross_fibre_share, 1.0),
+            ("mass_damping_per_ms", wall.mass_damping_per_ms, 100.0),
+            ("stiffness_damping_ms", wall.stiffness_damping_ms, 100.0),
+            ("sheet_normal_share", wall.sheet_normal_share, 1.0),
+            ("epicardial_spring_kPa_per_mm", wall.epicardial_spring_kpa_per_mm, 1e5),
+            ("epicardial_dashpot_kPa_ms_per_mm", wall.epicardial_dashpot_kpa_ms_per_mm, 1e5),
+            ("epicardial_base_share", wall.epicardial_base_share, 100.0),
+            ("rim_dashpot_kPa_ms_per_mm", wall.rim_dashpot_kpa_ms_per_mm, 1e5),
+            ("spectral_radius", wall.spectral_radius, 1.0),
+        ] {
+            self.within(&key(name), value, 0.0, high);
+        }
+        let duration = wall.epicardial_duration_share;
+        self.within(&key("epicardial_duration_share"), duration, 0.5, 2.0);
+        for (tag, tissue) in &wall.passive {
+            self.positive(&key(&format!("passive.{tag}.mu_kPa")), tissue.mu_kpa, 1e5);
+            self.positive(&key(&format!("passive.{tag}.kappa_kPa")), tissue.kappa_kpa, 1e8);
+        }
     }
 
     fn step1(&mut self, step1: &Step1Settings) {
@@ -346,6 +373,8 @@ impl List {
 
 #[cfg(test)]
 mod tests {
+    use cardiotwin_schemas::muscle::PassiveTissueSettings;
+
     use super::*;
 
     fn keys(change: impl FnOnce(&mut Settings)) -> Vec<String> {
@@ -369,6 +398,17 @@ mod tests {
         assert_eq!(keys(|s| s.step2.recombination = 1.1), ["step2.recombination"]);
         assert_eq!(keys(|s| s.step2.mutation = [1.0, 0.5]), ["step2.mutation"]);
         assert_eq!(keys(|s| s.executor.threads = 2000), ["executor.threads"]);
+        let of_wall = |change: fn(&mut WallSettings)| keys(|s| change(&mut s.solver.finite_element.wall));
+        let wall = |name: &str| [format!("solver.finite_element.wall.{name}")];
+        assert_eq!(of_wall(|w| w.cross_fibre_share = 1.2), wall("cross_fibre_share"));
+        assert_eq!(of_wall(|w| w.holzapfel_ogden.a_kpa = 0.0), wall("holzapfel_ogden.a_kPa"));
+        assert_eq!(of_wall(|w| w.holzapfel_ogden.a_f_kpa = -1.0), wall("holzapfel_ogden.a_f_kPa"));
+        assert_eq!(of_wall(|w| w.neo_hookean_mu_kpa = f64::NAN), wall("neo_hookean_mu_kPa"));
+        let soft = PassiveTissueSettings { mu_kpa: 0.0, kappa_kpa: 100.0 };
+        let passive = keys(|s| _ = s.solver.finite_element.wall.passive.insert(3, soft));
+        assert_eq!(passive, wall("passive.3.mu_kPa"));
+        let newton = keys(|s| s.solver.finite_element.newton.smallest_volume_ratio = 1.0);
+        assert_eq!(newton, ["solver.finite_element.newton.smallest_volume_ratio"]);
     }
 
     #[test]

@@ -319,7 +319,7 @@ fn finite_element(figures: &VentricleFigures) -> Vec<Row> {
         ("unloaded volume", figures.unloaded_volume_ml, "mL", "unloaded_volume_mL"),
         ("end-diastolic volume", figures.end_diastolic_volume_ml, "mL", "end_diastolic_volume_mL"),
         ("end-diastolic pressure", figures.end_diastolic_pressure_mmhg, "mmHg", "end_diastolic_pressure_mmHg"),
-        ("passive stiffness C", figures.stiffness_kpa, "kPa", "stiffness_kPa"),
+        ("passive stiffness", figures.stiffness_kpa, "kPa", "stiffness_kPa"),
         ("factor of the exponents", figures.exponent_factor, "", "exponent_factor"),
         ("activation onset", figures.onset_ms, "ms", "onset_ms"),
         ("activation spread", figures.spread_ms, "ms", "spread_ms"),

@@ -1,11 +1,13 @@
 //! Step 0 and one beat of a generated ventricle, with its cost: `cargo run --release -p cardiotwin-mechanics --example
-//! organ-beat -- [nodes=2000] [c=0.8] [element=linear|pointwise|quadratic] [linear=jacobi|sweep|direct] [static=direct|multigrid]
+//! organ-beat -- [nodes=2000] [c=0.8] [element=linear|pointwise|quadratic]
+//! [law=guccione|ogden|neo] [convention=squared|first|second] [tau=0.1] [linear=jacobi|sweep|direct] [static=direct|multigrid]
 //! [tolerance=1e-4] [step=1] [end=659]`. With a stiffness `c` \[kPa\] step 0 only inflates, from the image taken for unloaded. What a beat is made of:
 //! `cardiotwin-worker bench beat --nodes N`.
 
 use std::time::Instant;
 
 use cardiotwin_mechanics::element::kernel::VolumeChange;
+use cardiotwin_mechanics::material::{ActiveConvention, HolzapfelOgden, Law, NeoHookean};
 use cardiotwin_mechanics::newton::LinearSolver;
 use cardiotwin_mechanics::organ::passive_fit::fit;
 use cardiotwin_mechanics::organ::{
@@ -87,10 +89,21 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         _ => {}
     }
     let mut search = Search::new(settings);
+    let mut wall = WallParameters::default();
+    match argument("law", String::new()).as_str() {
+        "ogden" => wall.muscle = Law::HolzapfelOgden(HolzapfelOgden::arostica2025()),
+        "neo" => wall.muscle = Law::NeoHookean(NeoHookean { mu_kpa: 5.0 }),
+        _ => {}
+    }
+    match argument("convention", String::new()).as_str() {
+        "first" => wall.active.convention = ActiveConvention::FirstPiola,
+        "second" => wall.active.convention = ActiveConvention::SecondPiola,
+        _ => {}
+    }
+    wall.damping.stiffness_ms = argument("tau", wall.damping.stiffness_ms);
     let Fitted { state: end_diastole, wall, .. } = match argument("c", 0.0) {
         c if c > 0.0 => {
-            let mut wall = WallParameters::default();
-            wall.muscle.c_kpa = c;
+            wall.muscle = wall.muscle.with_stiffness(c);
             wall.rim.stiffness = argument("rim", wall.rim.stiffness);
             wall.pericardium.stiffness = argument("epi", wall.pericardium.stiffness);
             wall.pericardial_base_share = argument("base", wall.pericardial_base_share);
@@ -98,12 +111,12 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             state.inflate(edp / MMHG_PER_KPA, &mut search)?;
             Fitted { state, wall, slope: None }
         }
-        _ => fit(&Piece::whole(&anatomy), &WallParameters::default(), &target, None, &mut search)?,
+        _ => fit(&Piece::whole(&anatomy), &wall, &target, None, &mut search)?,
     };
     println!(
-        "step 0: C {:.4} kPa, b_f {:.3}, unloaded {:.2} mL, end-diastole {:.2} mL; {} Newton iterations, {} passes, {:.1} s, {:.1} s of processor time",
+        "step 0: stiffness {:.4} kPa, exponent {:.3}, unloaded {:.2} mL, end-diastole {:.2} mL; {} Newton iterations, {} passes, {:.1} s, {:.1} s of processor time",
         end_diastole.stiffness_kpa,
-        wall.muscle.b_f,
+        wall.muscle.exponent().unwrap_or(0.0),
         1e-3 * end_diastole.unloaded_volume_mm3(),
         1e-3 * end_diastole.volume_mm3(),
         end_diastole.newton_iterations,

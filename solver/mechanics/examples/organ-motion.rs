@@ -95,23 +95,20 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     start.pericardium.damping = argument("dash", start.pericardium.damping);
     start.pericardial_base_share = argument("base", start.pericardial_base_share);
     start.active.cross_fibre = argument("cross", 0.0);
-    start.active.cross_sheet = argument("crossn", 0.0);
+    start.epicardial_duration = argument("epidur", start.epicardial_duration);
+    start.active.sheet_normal = argument("crossn", start.active.sheet_normal);
     start.damping.mass_per_ms = argument("mass", start.damping.mass_per_ms);
     start.damping.stiffness_ms = argument("tau", start.damping.stiffness_ms);
     let Fitted { state: end_diastole, wall, .. } = match argument("c", 0.0) {
         c if c > 0.0 => {
             let mut wall = start.clone();
-            wall.muscle.c_kpa = c;
+            wall.muscle = wall.muscle.with_stiffness(c);
             let mut state = PassiveState::unloaded_image(&Piece::whole(&anatomy), &wall)?;
             state.inflate(edp / MMHG_PER_KPA, &mut search)?;
             Fitted { state, wall, slope: None }
         }
         _ if argument("given", 0.0) > 0.0 => {
-            start.muscle.c_kpa = argument("given", 0.0);
-            let factor = argument("factor", 1.0);
-            for b in [&mut start.muscle.b_f, &mut start.muscle.b_t, &mut start.muscle.b_fs] {
-                *b *= factor;
-            }
+            start.muscle = start.muscle.with_stiffness(argument("given", 0.0)).scaled(1.0, argument("factor", 1.0));
             let target = PassiveFit::Given {
                 image_pressure_kpa: argument("pi", p_image) / MMHG_PER_KPA,
                 end_diastolic_pressure_kpa: argument("edp", edp) / MMHG_PER_KPA,
@@ -127,7 +124,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     println!(
         "step 0: C {:.4} kPa, b_f {:.3}, unloaded {:.2} mL, end-diastole {:.2} mL; {} Newton iterations, {} passes, {:.1} s, {:.1} s of processor time",
         end_diastole.stiffness_kpa,
-        wall.muscle.b_f,
+        wall.muscle.stiffness_kpa(),
         1e-3 * end_diastole.unloaded_volume_mm3(),
         1e-3 * end_diastole.volume_mm3(),
         end_diastole.newton_iterations,

@@ -51,17 +51,15 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         let [image_pressure_kpa, end_diastolic_pressure_kpa] = [image_mmhg, edp_mmhg].map(|p| p / MMHG_PER_KPA);
         let factor = draw.between(0.3, 1.2);
         let mut known = WallParameters::default();
-        known.muscle.c_kpa = 0.42 * (draw.between(-1.0, 1.5)).exp() / factor.powi(2);
-        for b in [&mut known.muscle.b_f, &mut known.muscle.b_t, &mut known.muscle.b_fs] {
-            *b *= factor;
-        }
+        let stiffness_kpa = 0.42 * (draw.between(-1.0, 1.5)).exp() / factor.powi(2);
+        known.muscle = known.muscle.with_stiffness(stiffness_kpa).scaled(1.0, factor);
         let given = PassiveFit::Given { image_pressure_kpa, end_diastolic_pressure_kpa };
         let mut wall = WallParameters::default();
-        wall.muscle.c_kpa = 0.42;
+        wall.muscle = wall.muscle.with_stiffness(0.42);
         let mut search = Search::new(UnloadingSettings::for_anatomy(&anatomy));
         let case = format!(
             "{seed}: wall {wall_ml:.0} mL, image {image_ml:.0} mL at {image_mmhg:.1} mmHg, end-diastole at {edp_mmhg:.1} mmHg, C {:.2}, factor {factor:.2}, long {:.2}, fibres {turn:.0} deg",
-            known.muscle.c_kpa, spec.long_to_short
+            stiffness_kpa, spec.long_to_short
         );
         let one = Instant::now();
         let made = match fit(&Piece::whole(&anatomy), &known, &given, None, &mut search) {
@@ -89,9 +87,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         let one = Instant::now();
         match fit(&Piece::whole(&anatomy), &wall, &target, None, &mut search) {
             Ok(found) if argument("verbose", 0) > 0 => println!(
-                "{case}: C {:.3}, factor {:.3}, {} Newton, {:.1} s",
-                found.wall.muscle.c_kpa,
-                found.wall.muscle.b_f / 18.48,
+                "{case}: C {:.3}, {} Newton, {:.1} s",
+                found.wall.muscle.stiffness_kpa(),
                 found.state.newton_iterations,
                 one.elapsed().as_secs_f64()
             ),

@@ -4,6 +4,12 @@
 //! forces, `R` the matrices of springs and dashpots and `q` the load of unit pressure. Evaluating `f` at `u + τ v` is
 //! Rayleigh's damping proportional to stiffness, `τ K(u) v` to first order in `τ`, with the tangent of the present state: it
 //! does not resist rotation, needs no second matrix, and has the exact tangent `(1 + τ ∂v/∂u) K`.
+//!
+//! The damping is of the tissue, not of its cells: these see the fibre stretch `λ(u)` of the true displacement, not that of
+//! `u + τ v`, and the tension that they answer with is what `f` is given. So `K` above is the stiffness at a given tension.
+//! Its share by `∂Ta/∂λ` is per unit of `u`, not of `u + τ v`, so that [`Dynamics::linearise`] divides the slope by
+//! `1 + τ ∂v/∂u`. That share pulls along the fibre of `u + τ v` by a stretch along the fibre of `u`; the tangent has the first
+//! for both, which keeps it symmetric, and is off by the angle that the fibre turns by in the time `τ`: a thousandth or so.
 
 use crate::body::{Body, Deformation};
 use crate::boundary::{Cavity, PressureSurface, Robin};
@@ -91,9 +97,9 @@ pub struct Candidate {
     pub motion: Motion,
     /// Where internal forces are taken, `u + τ v`.
     pub shifted: Vec<f64>,
-    /// Deformation there.
+    /// Deformation there; the fibre stretch alone is that of `u`.
     pub deformation: Deformation,
-    /// Active stress there, one a point batch; empty for none.
+    /// Active stress for the stretch of `u`, and its slope in that, one a point batch; empty for none.
     pub active: Vec<ActivePoint>,
     /// Load of the cavity's unit pressure at the displacement \[mN/kPa\]; empty without a cavity.
     pub load: Vec<f64>,
@@ -147,6 +153,9 @@ impl Dynamics {
         candidate.shifted.clear();
         candidate.shifted.extend(u.iter().zip(v).map(|(u, v)| u + tau * v));
         self.body.deform(&candidate.shifted, self.comm.as_ref(), &mut candidate.deformation);
+        if tau != 0.0 {
+            self.body.stretch(u, &mut candidate.deformation.squared_stretch);
+        }
         if let Some(cavity) = &self.cavity {
             candidate.load.clear();
             candidate.load.resize(candidate.motion.u.len(), 0.0);
@@ -292,12 +301,15 @@ impl Dynamics {
         force.fill(0.0);
         let velocity_rate = self.scheme.velocity_rate(dt_ms);
         let alpha_f = self.scheme.alpha_f;
-        // Strain is taken at u + τ v: all of the tangent is per unit of that.
+        // Strain is taken at u + τ v: all of the tangent is per unit of that, but for what active stress answers to λ(u).
         let per_shift = 1.0 + self.damping.stiffness_ms * velocity_rate;
         let velocity = if self.body.is_viscous() { &candidate.motion.v[..] } else { &[] };
         let Candidate { shifted, active, deformation, .. } = candidate;
         let moving = (velocity, velocity_rate / per_shift);
-        self.body.tangent_in_motion(shifted, moving, active, deformation, force, tangent);
+        let per_shifted =
+            |at: &ActivePoint| ActivePoint { slope_kpa: at.slope_kpa.map(|slope| slope / per_shift), ..*at };
+        let active: Vec<ActivePoint> = active.iter().map(per_shifted).collect();
+        self.body.tangent_in_motion(shifted, moving, &active, deformation, force, tangent);
         tangent.scale((1.0 - alpha_f) * per_shift);
         self.add_linear_forces(&candidate.motion, force);
         for support in &self.supports {

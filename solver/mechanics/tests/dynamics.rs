@@ -4,10 +4,12 @@
 mod verification;
 
 use cardiotwin_mechanics::dynamics::{Candidate, Dynamics, Rayleigh, State};
+use cardiotwin_mechanics::element::kernel::ActivePoint;
 use cardiotwin_mechanics::linear::Operator as _;
+use cardiotwin_mechanics::material::{ActiveConvention, ActiveLaw};
 use cardiotwin_mechanics::newton::LinearSolver;
 use cardiotwin_mechanics::step::{Closure, Passive, Solver, StepSettings, step};
-use verification::motion::{at_rest, block, errors_in_time, run};
+use verification::motion::{at_rest, block, block_of_muscle, errors_in_time, run};
 
 #[test]
 fn motion_is_of_second_order_in_time() {
@@ -53,6 +55,93 @@ fn tangent_is_the_slope_of_the_residual_in_displacement_and_pressure() {
     let weight = 1.0 - dynamics.scheme.alpha_f;
     for k in 0..n {
         assert!((higher[k] - residual[k] - 2.0 * weight * column[k]).abs() < 1e-9);
+    }
+}
+
+/// Tension that grows with stretch, as that of cells does, and its slope \[kPa\].
+fn tension(squared_stretch: f64) -> (f64, f64) {
+    let lambda = squared_stretch.sqrt();
+    (20.0 + 90.0 * (lambda - 1.0), 90.0)
+}
+
+/// The largest difference between tangent and central differences of the residual, over the largest entry of the tangent's
+/// product, for muscle of this convention in motion: displacement, velocity and acceleration are `wave`s of these sizes. Beside it
+/// the largest strain of the damping's time, to first order: the difference of two velocities over a cell's edge, times τ.
+fn error_of_the_active_tangent(convention: ActiveConvention, wave: impl Fn(f64, f64) -> Vec<f64>) -> (f64, f64) {
+    let law = ActiveLaw { convention, cross_fibre: 0.0 };
+    let dynamics = block_of_muscle(0.3, Rayleigh { mass_per_ms: 0.2, stiffness_ms: 0.3 }, 3.0, Some(law));
+    let n = dynamics.body.reference().len();
+    let mut now = at_rest(&dynamics);
+    (now.motion.u, now.motion.v, now.motion.a) = (wave(0.3, 0.1), wave(0.7, 0.05), wave(1.1, 0.02));
+    let (dt, u) = (1.3, wave(0.31, 0.12));
+    let d: Vec<f64> = (0..n).map(|k| (1.9 * k as f64).sin()).collect();
+    let at = |h: f64| {
+        let mut c = Candidate::default();
+        c.motion.u = u.iter().zip(&d).map(|(u, d)| u + h * d).collect();
+        assert!(dynamics.complete(dt, &now, &mut c).volume_ratio > 0.3);
+        c.active = (c.deformation.squared_stretch.iter())
+            .map(|squared| {
+                let [sa_kpa, slope_kpa] =
+                    [|t: (f64, f64)| t.0, |t: (f64, f64)| t.1].map(|of| squared.map(|c| of(tension(c))));
+                ActivePoint { sa_kpa, slope_kpa }
+            })
+            .collect();
+        let (mut force, mut r) = (vec![0.0; n], vec![0.0; n]);
+        dynamics.residual(&now, &c, &mut force, &mut r);
+        (c, r)
+    };
+    let (candidate, _) = at(0.0);
+    let (mut force, mut r, mut got) = (vec![0.0; n], vec![0.0; n], vec![0.0; n]);
+    let mut tangent = dynamics.body.new_tangent();
+    dynamics.linearise(dt, &now, &candidate, &mut force, &mut r, &mut tangent);
+    tangent.multiply(dynamics.space(), &mut d.clone(), &mut got);
+    let (plus, minus) = (at(1e-6).1, at(-1e-6).1);
+    let scale = got.iter().fold(0.0_f64, |m, g| m.max(g.abs()));
+    let v = &candidate.motion.v;
+    let (least, most) = v.iter().fold((f64::MAX, f64::MIN), |(l, h), x| (l.min(*x), h.max(*x)));
+    let error = (0..n).map(|k| (got[k] - (plus[k] - minus[k]) / 2e-6).abs() / scale).fold(0.0, f64::max);
+    (error, dynamics.damping.stiffness_ms * (most - least) / (10.0 / 3.0))
+}
+
+#[test]
+fn the_tangent_holds_what_tension_answers_to_the_true_stretch() {
+    for convention in [ActiveConvention::SecondPiola, ActiveConvention::FirstPiola, ActiveConvention::PerSquaredStretch]
+    {
+        // Motion along the fibre alone turns none: the tangent is exact.
+        let along = |s: f64, size: f64| {
+            (0..192).map(|k| if k % 3 == 0 { size * (s * f64::from(k / 48)).sin() } else { 0.0 }).collect::<Vec<f64>>()
+        };
+        let (exact, _) = error_of_the_active_tangent(convention, along);
+        assert!(exact < 1e-6, "{convention:?}: {exact:e}");
+        // Any motion: off by the angle that fibres turn by in the damping's time.
+        let any = |s: f64, size: f64| (0..192).map(|k| size * (s * f64::from(k)).sin()).collect::<Vec<f64>>();
+        let (near, strain) = error_of_the_active_tangent(convention, any);
+        assert!(near < strain && strain < 0.05, "{convention:?}: {near:e} at a strain of {strain:e}");
+    }
+}
+
+#[test]
+fn cells_see_the_stretch_of_the_displacement_and_tissue_that_of_the_damped_motion() {
+    let dynamics = block_of_muscle(0.3, Rayleigh { mass_per_ms: 0.0, stiffness_ms: 0.5 }, 0.0, Some(ActiveLaw::PAPER));
+    let reference = dynamics.body.reference().to_vec();
+    let stretched = |by: f64| -> Vec<f64> {
+        reference.iter().enumerate().map(|(k, x)| if k % 3 == 0 { by * x } else { 0.0 }).collect()
+    };
+    let mut now = at_rest(&dynamics);
+    (now.motion.u, now.motion.v) = (stretched(0.02), stretched(0.01));
+    let mut candidate = Candidate::default();
+    candidate.motion.u = stretched(0.03);
+    dynamics.complete(1.0, &now, &mut candidate);
+    let rate = (candidate.motion.v.iter().step_by(3).zip(reference.iter().step_by(3)))
+        .find(|(_, x)| **x > 5.0)
+        .map(|(v, x)| v / x)
+        .expect("a node");
+    assert!(rate > 0.005, "{rate}");
+    let Candidate { deformation, .. } = &candidate;
+    for (squared, ratio) in deformation.squared_stretch.iter().flatten().zip(deformation.volume_ratio.iter().flatten())
+    {
+        assert!((squared.sqrt() - 1.03).abs() < 1e-12, "{squared}");
+        assert!((ratio - 1.03 - 0.5 * rate).abs() < 1e-9, "{ratio}");
     }
 }
 

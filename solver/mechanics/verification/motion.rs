@@ -2,7 +2,7 @@
 
 use cardiotwin_mechanics::boundary::{Cavity, Robin, RobinDirection};
 use cardiotwin_mechanics::dynamics::{Candidate, Dynamics, Rayleigh, State, Support};
-use cardiotwin_mechanics::material::{Guccione, Law, Tissue, Volumetric, VolumetricLaw};
+use cardiotwin_mechanics::material::{ActiveLaw, Guccione, Law, Tissue, Volumetric, VolumetricLaw};
 use cardiotwin_mechanics::parallel::SingleProcess;
 use cardiotwin_mechanics::step::{Closure, Passive, Solver, StepSettings, step};
 use cardiotwin_mechanics::time_integration::GeneralisedAlpha;
@@ -11,11 +11,16 @@ use super::meshes::cuboid;
 
 /// A block of 10 mm on springs and dashpots below, open "cavity" above: pressure pushes on its top.
 pub fn block(rho: f64, damping: Rayleigh, dashpot: f64) -> Dynamics {
+    block_of_muscle(rho, damping, dashpot, None)
+}
+
+/// The same of tissue that contracts along x.
+pub fn block_of_muscle(rho: f64, damping: Rayleigh, dashpot: f64, active: Option<ActiveLaw>) -> Dynamics {
     let mesh = cuboid([3, 3, 3], |p| p.map(|x| 10.0 * x));
     let tissue = Tissue {
         law: Law::Guccione(Guccione::guccione1995(2.0)),
         volumetric: Volumetric { law: VolumetricLaw::LnSquared, kappa_kpa: 50.0 },
-        active: None,
+        active,
         density: 1.06,
     };
     let body = mesh.of_one_tissue(tissue);

@@ -73,6 +73,7 @@ pub(super) fn tissue(table: &TissueTable) -> Tissue {
             ConventionName::PerSquaredStretch => ActiveConvention::PerSquaredStretch,
         },
         cross_fibre: a.cross_fibre,
+        sheet_normal: 0.0,
     });
     let volumetric = Volumetric { law: volumetric, kappa_kpa: table.volumetric.kappa_kpa };
     Tissue { law, volumetric, active, density: table.density_mg_per_mm3 }

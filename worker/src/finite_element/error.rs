@@ -54,6 +54,30 @@ pub enum FiniteElementError {
         /// Factor of the effects.
         expected: f64,
     },
+    /// A stiffness of Guccione's law is given for a muscle of another.
+    #[error("passive.guccione_C_kPa is given, but solver.finite_element.wall.muscle_law is {law}, expected Guccione")]
+    StiffnessOfAnotherLaw {
+        /// Which.
+        law: &'static str,
+    },
+    /// A passive law for a tag that no passive tissue of the mesh has.
+    #[error(
+        "solver.finite_element.wall.passive.{tag}: the mesh has no passive tissue with this tag, expected one of {}",
+        listed(passive)
+    )]
+    PassiveTag {
+        /// The tag.
+        tag: i32,
+        /// Tags of passive tissue.
+        passive: Vec<i32>,
+    },
+}
+
+fn listed(tags: &[i32]) -> String {
+    if tags.is_empty() {
+        return "none: all of it contracts".to_owned();
+    }
+    tags.iter().map(i32::to_string).collect::<Vec<_>>().join(", ")
 }
 
 impl FiniteElementError {
@@ -61,7 +85,11 @@ impl FiniteElementError {
     #[must_use]
     pub fn class(&self) -> FailureClass {
         match self {
-            Self::Mesh(_) | Self::OwnMesh { .. } | Self::PassiveState(PassiveStateError::NoStiffness { .. }) => {
+            Self::Mesh(_)
+            | Self::OwnMesh { .. }
+            | Self::StiffnessOfAnotherLaw { .. }
+            | Self::PassiveTag { .. }
+            | Self::PassiveState(PassiveStateError::NoStiffness { .. } | PassiveStateError::NoExponents { .. }) => {
                 FailureClass::Input
             }
             Self::Fibres(_) | Self::Activation(_) | Self::Potentials(_) | Self::Anatomy(_) | Self::PassiveState(_) => {
@@ -82,6 +110,13 @@ impl FiniteElementError {
             Self::PassiveState(PassiveStateError::NoStiffness { .. }) => {
                 Some("correct the volumes and pressures of diastasis and end-diastole, or give passive.guccione_C_kPa")
             }
+            Self::PassiveState(PassiveStateError::NoExponents { .. }) => {
+                Some("set solver.finite_element.wall.muscle_law to \"guccione\" or \"holzapfel-ogden\"")
+            }
+            Self::StiffnessOfAnotherLaw { .. } => {
+                Some("leave passive.guccione_C_kPa away: step 0 fits the stiffness of any law")
+            }
+            Self::PassiveTag { .. } => Some("correct the tag, or leave the entry away"),
             Self::PassiveState(_) => Some("use another mesh size, or give passive.guccione_C_kPa"),
             Self::OwnMesh { .. } => {
                 Some("mend the mesh or [anatomy.mesh] of patient.toml; `cardiotwin check` tells what is missing")

@@ -51,8 +51,7 @@ impl PassiveOrder {
                 (Fit::Unloaded, vec![end_diastolic_pressure_kpa, unloaded_volume_mm3])
             }
         };
-        let law = &job.wall.muscle;
-        let wall = WallSettings { guccione_c_kpa: law.c_kpa, b_f: law.b_f, b_t: law.b_t, b_fs: law.b_fs, ..*settings };
+        let wall = wall::with_muscle(settings, job.wall.muscle);
         Self { wall, fit, slope: job.slope, steepened_by: job.steepened_by }
     }
 

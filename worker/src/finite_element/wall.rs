@@ -1,25 +1,30 @@
-//! Settings of wall, elements and linear solver as solver types.
+//! Settings of wall, elements and equations as solver types. What verifies the solver (`crate::benchmark`) takes its laws,
+//! elements and time integration from here, too, so that it verifies what a cohort computes with.
 
 use cardiotwin_mechanics::dynamics::Rayleigh;
-use cardiotwin_mechanics::material::{ActiveLaw, Guccione};
+use cardiotwin_mechanics::material::{self, ActiveLaw, Guccione, HolzapfelOgden, Law, NeoHookean};
 use cardiotwin_mechanics::newton;
-use cardiotwin_mechanics::organ::{self, Spring, WallParameters};
-use cardiotwin_schemas::finite_element::{ElementKind, LinearSolver, WallSettings};
+use cardiotwin_mechanics::organ::{self, PassiveTissue, Spring, WallParameters};
+use cardiotwin_mechanics::step::StepSettings;
+use cardiotwin_schemas::finite_element::{ElementKind, EquationSettings, LinearSolver, WallSettings};
+use cardiotwin_schemas::muscle::{ActiveConvention, HolzapfelOgdenSettings, MuscleLaw};
 
-/// The wall with all exponents times a factor and a share of the active stress across the fibre.
+/// The wall with all exponents times a factor and a further share of the active stress across the fibre.
 #[must_use]
 pub fn parameters(wall: &WallSettings, exponent_factor: f64, cross_fibre: f64) -> WallParameters {
     WallParameters {
-        muscle: Guccione {
-            c_kpa: wall.guccione_c_kpa,
-            b_f: exponent_factor * wall.b_f,
-            b_t: exponent_factor * wall.b_t,
-            b_fs: exponent_factor * wall.b_fs,
-        },
+        muscle: muscle(wall).scaled(1.0, exponent_factor),
         muscle_kappa_kpa: wall.kappa_kpa,
-        active: ActiveLaw { cross_fibre, ..ActiveLaw::PAPER },
+        active: ActiveLaw {
+            sheet_normal: wall.sheet_normal_share,
+            ..active(wall.active_convention, wall.cross_fibre_share + cross_fibre)
+        },
+        epicardial_duration: wall.epicardial_duration_share,
         passive_mu_kpa: wall.aorta_mu_kpa,
         passive_kappa_kpa: wall.aorta_kappa_kpa,
+        passive_of_tags: (wall.passive.iter())
+            .map(|(tag, of)| PassiveTissue { tag: *tag, mu_kpa: of.mu_kpa, kappa_kpa: of.kappa_kpa })
+            .collect(),
         // g/mm³ to mg/mm³.
         density: 1e3 * wall.density_g_per_mm3,
         pericardium: Spring {
@@ -32,6 +37,60 @@ pub fn parameters(wall: &WallSettings, exponent_factor: f64, cross_fibre: f64) -
         spectral_radius: wall.spectral_radius,
         ..WallParameters::default()
     }
+}
+
+/// The muscle's passive law.
+#[must_use]
+pub fn muscle(wall: &WallSettings) -> Law {
+    let WallSettings { guccione_c_kpa: c_kpa, b_f, b_t, b_fs, neo_hookean_mu_kpa: mu_kpa, .. } = *wall;
+    match wall.muscle_law {
+        MuscleLaw::Guccione => Law::Guccione(Guccione { c_kpa, b_f, b_t, b_fs }),
+        MuscleLaw::HolzapfelOgden => {
+            let HolzapfelOgdenSettings { a_kpa, b, a_f_kpa, b_f, a_s_kpa, b_s, a_fs_kpa, b_fs, switch } =
+                wall.holzapfel_ogden;
+            Law::HolzapfelOgden(HolzapfelOgden { a_kpa, b, a_f_kpa, b_f, a_s_kpa, b_s, a_fs_kpa, b_fs, switch })
+        }
+        MuscleLaw::NeoHookean => Law::NeoHookean(NeoHookean { mu_kpa }),
+    }
+}
+
+/// The settings with the constants of a law: what [`muscle`] makes that law of.
+#[must_use]
+pub fn with_muscle(wall: &WallSettings, law: Law) -> WallSettings {
+    let mut wall = wall.clone();
+    match law {
+        Law::Guccione(Guccione { c_kpa, b_f, b_t, b_fs }) => {
+            wall.muscle_law = MuscleLaw::Guccione;
+            (wall.guccione_c_kpa, wall.b_f, wall.b_t, wall.b_fs) = (c_kpa, b_f, b_t, b_fs);
+        }
+        Law::HolzapfelOgden(HolzapfelOgden { a_kpa, b, a_f_kpa, b_f, a_s_kpa, b_s, a_fs_kpa, b_fs, switch }) => {
+            wall.muscle_law = MuscleLaw::HolzapfelOgden;
+            wall.holzapfel_ogden =
+                HolzapfelOgdenSettings { a_kpa, b, a_f_kpa, b_f, a_s_kpa, b_s, a_fs_kpa, b_fs, switch };
+        }
+        Law::NeoHookean(NeoHookean { mu_kpa }) => {
+            wall.muscle_law = MuscleLaw::NeoHookean;
+            wall.neo_hookean_mu_kpa = mu_kpa;
+        }
+    }
+    wall
+}
+
+/// The settings with another stiffness of their law, and its exponents as they are.
+#[must_use]
+pub fn with_stiffness(wall: &WallSettings, kpa: f64) -> WallSettings {
+    with_muscle(wall, muscle(wall).with_stiffness(kpa))
+}
+
+/// How active stress acts.
+#[must_use]
+pub fn active(convention: ActiveConvention, cross_fibre: f64) -> ActiveLaw {
+    let convention = match convention {
+        ActiveConvention::PerSquaredStretch => material::ActiveConvention::PerSquaredStretch,
+        ActiveConvention::FirstPiola => material::ActiveConvention::FirstPiola,
+        ActiveConvention::SecondPiola => material::ActiveConvention::SecondPiola,
+    };
+    ActiveLaw { convention, cross_fibre, sheet_normal: 0.0 }
 }
 
 /// Elements of the solver.
@@ -54,13 +113,122 @@ pub fn linear_solver(kind: LinearSolver) -> newton::LinearSolver {
     }
 }
 
+/// How the equations of a time step are solved.
+#[must_use]
+pub fn steps(equations: &EquationSettings, newton_iterations: u32) -> StepSettings {
+    let EquationSettings { tolerance, newton, linear_solver: linear, .. } = *equations;
+    StepSettings {
+        relative_tolerance: tolerance,
+        max_iterations: newton_iterations as usize,
+        max_halvings: newton.halvings as usize,
+        smallest_volume_ratio: newton.smallest_volume_ratio,
+        farthest_mm: if newton.farthest_mm > 0.0 { newton.farthest_mm } else { f64::INFINITY },
+        linear: linear_solver(linear),
+        ..StepSettings::default()
+    }
+}
+
 #[cfg(test)]
 mod tests {
+    use cardiotwin_schemas::finite_element::{FiniteElementSettings, NewtonSettings};
+    use cardiotwin_schemas::muscle::PassiveTissueSettings;
+
     use super::*;
 
     #[test]
     fn default_settings_are_the_solvers_defaults() {
         let settings = WallSettings { guccione_c_kpa: 1.0, ..WallSettings::default() };
         assert_eq!(parameters(&settings, 1.0, 0.0), WallParameters::default());
+        assert_eq!(element(ElementKind::default()), organ::ElementKind::default());
+        let defaults = FiniteElementSettings::default();
+        assert_eq!(steps(&defaults.equations(), defaults.newton_iterations), StepSettings::default());
+        let ogden = WallSettings { muscle_law: MuscleLaw::HolzapfelOgden, ..WallSettings::default() };
+        assert_eq!(muscle(&ogden), Law::HolzapfelOgden(HolzapfelOgden::arostica2025()));
+    }
+
+    #[test]
+    fn every_setting_of_the_wall_reaches_the_solver() {
+        let plain = WallSettings::default();
+        let made = |change: &dyn Fn(&mut WallSettings)| {
+            let mut wall = plain.clone();
+            change(&mut wall);
+            parameters(&wall, 1.0, 0.0)
+        };
+        let of_ogden = |change: fn(&mut HolzapfelOgdenSettings)| {
+            made(&move |wall| {
+                wall.muscle_law = MuscleLaw::HolzapfelOgden;
+                change(&mut wall.holzapfel_ogden);
+            })
+        };
+        let all = [
+            made(&|_| {}),
+            made(&|wall| wall.guccione_c_kpa *= 2.0),
+            made(&|wall| wall.b_f *= 2.0),
+            made(&|wall| wall.b_t *= 2.0),
+            made(&|wall| wall.b_fs *= 2.0),
+            of_ogden(|_| {}),
+            of_ogden(|law| law.a_kpa *= 2.0),
+            of_ogden(|law| law.b *= 2.0),
+            of_ogden(|law| law.a_f_kpa *= 2.0),
+            of_ogden(|law| law.b_f *= 2.0),
+            of_ogden(|law| law.a_s_kpa *= 2.0),
+            of_ogden(|law| law.b_s *= 2.0),
+            of_ogden(|law| law.a_fs_kpa *= 2.0),
+            of_ogden(|law| law.b_fs *= 2.0),
+            of_ogden(|law| law.switch *= 2.0),
+            made(&|wall| wall.muscle_law = MuscleLaw::NeoHookean),
+            made(&|wall| (wall.muscle_law, wall.neo_hookean_mu_kpa) = (MuscleLaw::NeoHookean, 7.0)),
+            made(&|wall| wall.kappa_kpa *= 2.0),
+            made(&|wall| wall.active_convention = ActiveConvention::FirstPiola),
+            made(&|wall| wall.active_convention = ActiveConvention::SecondPiola),
+            made(&|wall| wall.cross_fibre_share = 0.2),
+            made(&|wall| wall.aorta_mu_kpa *= 2.0),
+            made(&|wall| wall.aorta_kappa_kpa *= 2.0),
+            made(&|wall| {
+                wall.passive.insert(7, PassiveTissueSettings { mu_kpa: 3.0, kappa_kpa: 300.0 });
+            }),
+            made(&|wall| wall.density_g_per_mm3 *= 2.0),
+            made(&|wall| wall.mass_damping_per_ms *= 2.0),
+            made(&|wall| wall.stiffness_damping_ms *= 2.0),
+            made(&|wall| wall.epicardial_spring_kpa_per_mm *= 2.0),
+            made(&|wall| wall.rim_spring_kpa_per_mm *= 2.0),
+            made(&|wall| wall.spectral_radius = 0.5),
+        ];
+        for (k, one) in all.iter().enumerate() {
+            assert!(all[..k].iter().all(|other| other != one), "change {k} is lost, or another's: {one:?}");
+        }
+        assert!(
+            (parameters(&WallSettings { cross_fibre_share: 0.2, ..plain }, 1.0, 0.3).active.cross_fibre - 0.5).abs()
+                < 1e-15
+        );
+    }
+
+    #[test]
+    fn every_setting_of_the_equations_reaches_the_solver() {
+        let plain = FiniteElementSettings::default().equations();
+        let newton = |newton| steps(&EquationSettings { newton, ..plain }, 12);
+        let defaults = NewtonSettings::default();
+        let all = [
+            steps(&plain, 12),
+            steps(&plain, 20),
+            steps(&EquationSettings { tolerance: 1e-5, ..plain }, 12),
+            steps(&EquationSettings { linear_solver: LinearSolver::Direct, ..plain }, 12),
+            newton(NewtonSettings { halvings: 8, ..defaults }),
+            newton(NewtonSettings { smallest_volume_ratio: 0.2, ..defaults }),
+            newton(NewtonSettings { farthest_mm: 1.0, ..defaults }),
+        ];
+        for (k, one) in all.iter().enumerate() {
+            assert!(all[..k].iter().all(|other| other != one), "change {k} is lost, or another's: {one:?}");
+        }
+    }
+
+    #[test]
+    fn constants_of_a_law_come_back_from_its_settings() {
+        for muscle_law in [MuscleLaw::Guccione, MuscleLaw::HolzapfelOgden, MuscleLaw::NeoHookean] {
+            let settings = WallSettings { muscle_law, ..WallSettings::default() };
+            let law = muscle(&settings).scaled(0.7, 1.3);
+            assert_eq!(muscle(&with_muscle(&WallSettings::default(), law)), law);
+            assert!((muscle(&with_stiffness(&settings, 0.3)).stiffness_kpa() - 0.3).abs() < 1e-15);
+        }
     }
 }

@@ -311,6 +311,16 @@ impl Body {
         }
     }
 
+    /// Squared fibre stretch `C₁₁` alone, at another `displacement` than the one that internal forces are taken at.
+    pub fn stretch(&self, displacement: &[f64], out: &mut Vec<Eight>) {
+        // Volumes come with it, of which nothing is passed on.
+        let mut points = Deformation { squared_stretch: std::mem::take(out), ..Deformation::default() };
+        points.volume_ratio.resize(self.n_point_batches(), [1.0; BATCH]);
+        points.squared_stretch.resize(self.n_point_batches(), [1.0; BATCH]);
+        self.elements.volumes(&self.pass(displacement, &[], &[]), &mut points, &mut vec![0.0; self.vertices.len()]);
+        *out = points.squared_stretch;
+    }
+
     /// Lumped mass of each node \[mg\]; only owned nodes' are complete.
     #[must_use]
     pub fn masses(&self) -> Vec<f64> {

@@ -23,19 +23,19 @@ pub struct ActiveLaw {
     /// Share of the stress that acts along the sheet axis, by the same convention with the stretch along that axis.
     pub cross_fibre: f64,
     /// The same along the normal of the sheet, which lies in the plane of the wall where sheets are transmural.
-    pub cross_sheet: f64,
+    pub sheet_normal: f64,
 }
 
 impl ActiveLaw {
     /// The paper's: `S = Ta/λ² f⊗f`, nothing across.
     pub const PAPER: Self =
-        Self { convention: ActiveConvention::PerSquaredStretch, cross_fibre: 0.0, cross_sheet: 0.0 };
+        Self { convention: ActiveConvention::PerSquaredStretch, cross_fibre: 0.0, sheet_normal: 0.0 };
     /// The benchmarks': `S = Ta f⊗f`, nothing across.
-    pub const BENCHMARK: Self = Self { convention: ActiveConvention::SecondPiola, cross_fibre: 0.0, cross_sheet: 0.0 };
+    pub const BENCHMARK: Self = Self { convention: ActiveConvention::SecondPiola, cross_fibre: 0.0, sheet_normal: 0.0 };
 
     pub(super) fn check(&self) -> Result<(), MaterialError> {
         MaterialError::unless((0.0..=1.0).contains(&self.cross_fibre), "cross_fibre", self.cross_fibre, "0 to 1")?;
-        MaterialError::unless((0.0..=1.0).contains(&self.cross_sheet), "cross_sheet", self.cross_sheet, "0 to 1")
+        MaterialError::unless((0.0..=1.0).contains(&self.sheet_normal), "sheet_normal", self.sheet_normal, "0 to 1")
     }
 
     #[inline(always)]
@@ -49,7 +49,7 @@ impl ActiveLaw {
         if TANGENT {
             out.d[at(0, 0)] = out.d[at(0, 0)] + slope_e * factor + ta * factor_slope;
         }
-        for (axis, cross) in [(1, self.cross_fibre), (2, self.cross_sheet)] {
+        for (axis, cross) in [(1, self.cross_fibre), (2, self.sheet_normal)] {
             if cross > 0.0 {
                 let (factor, factor_slope) = self.factor(c[axis]);
                 let share = ta.times(cross);

@@ -9,6 +9,7 @@ mod active;
 mod guccione;
 mod holzapfel_ogden;
 mod neo_hookean;
+mod scale;
 pub mod tensor;
 mod volumetric;
 

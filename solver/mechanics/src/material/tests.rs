@@ -80,7 +80,7 @@ proptest! {
             for convention in
                 [ActiveConvention::SecondPiola, ActiveConvention::FirstPiola, ActiveConvention::PerSquaredStretch]
             {
-                let tissue = tissue(law, VolumetricLaw::LnSquared, Some(ActiveLaw { convention, cross_fibre: 0.0, cross_sheet: 0.0 }));
+                let tissue = tissue(law, VolumetricLaw::LnSquared, Some(ActiveLaw { convention, cross_fibre: 0.0, sheet_normal: 0.0 }));
                 let d = stress::<f64, true>(&tissue, &c).d;
                 let scale = d.iter().fold(0.0_f64, |m, x| m.max(x.abs()));
                 for k in 0..6 {
@@ -105,7 +105,7 @@ fn cross_fibre_share_has_the_symmetric_half_of_its_coupling() {
         tissue(
             law,
             VolumetricLaw::LnSquared,
-            Some(ActiveLaw { convention: ActiveConvention::FirstPiola, cross_fibre, cross_sheet: 0.0 }),
+            Some(ActiveLaw { convention: ActiveConvention::FirstPiola, cross_fibre, sheet_normal: 0.0 }),
         )
     };
     let with = make(0.4);

@@ -3,6 +3,7 @@
 use std::borrow::Cow;
 
 use cardiotwin_mesh::NodeFibres;
+use cardiotwin_mesh::laplace::LaplaceError;
 use cardiotwin_mesh::surface::{Surface, SurfaceDefect, openings};
 use cardiotwin_mesh::tet_mesh::{TetMesh, surface_names};
 
@@ -28,6 +29,13 @@ impl ElementKind {
     pub const LINEAR_POINTWISE: Self = Self { quadratic: false, volume: VolumeChange::Pointwise };
     /// Quadratic tetrahedra with nodal volume change: Taylor–Hood with a lumped pressure.
     pub const QUADRATIC_NODAL: Self = Self { quadratic: true, volume: VolumeChange::Nodal { pointwise_share: 0.0 } };
+}
+
+/// A cohort's elements, where it asks for no others.
+impl Default for ElementKind {
+    fn default() -> Self {
+        Self::LINEAR_NODAL
+    }
 }
 
 /// Triangles of a surface with three or six nodes.
@@ -69,6 +77,9 @@ pub enum AnatomyError {
         /// Which.
         element: usize,
     },
+    /// No transmural depth.
+    #[error(transparent)]
+    Depth(#[from] LaplaceError),
     /// No element contracts.
     #[error("no element has one of the contracting tags {tags:?}")]
     NoMuscle {
@@ -123,10 +134,14 @@ pub struct Anatomy {
     pub volume: VolumeChange,
     /// Whether an element contracts.
     pub contracts: Vec<bool>,
+    /// Tag of each element.
+    pub tags: Vec<i32>,
     /// Fibre frame of each element in the imaged configuration; any axes in passive tissue. Not read where there are `fibres`.
     pub frames: Vec<Frame>,
     /// Fibre directions at the vertices, in the imaged configuration.
     pub fibres: NodeFibres,
+    /// Transmural depth of each vertex of the muscle: 0 at the endocardium, 1 at the epicardium.
+    pub depth: Vec<f64>,
     /// Endocardium.
     pub endocardium: Triangles,
     /// Epicardium.
@@ -185,6 +200,13 @@ impl Anatomy {
             Some(q) => (q.nodes, Tets::Quadratic(q.tets)),
         };
         let axis = LongAxis::of(mesh);
+        let depth = match &mesh.fibres {
+            NodeFibres::Rule { walls, .. } => walls.iter().map(|wall| wall.depth).collect(),
+            _ => {
+                let found = cardiotwin_mesh::fibres::depth(mesh, contracting)?;
+                found.into_iter().map(|depth| if depth.is_finite() { depth } else { 0.0 }).collect()
+            }
+        };
         let (n_vertices, corners, volume) = (mesh.n_nodes(), mesh.tets.clone(), kind.volume);
         Ok(Self {
             nodes,
@@ -193,8 +215,10 @@ impl Anatomy {
             corners,
             volume,
             contracts,
+            tags: mesh.tags.clone(),
             frames,
             fibres: mesh.fibres.clone(),
+            depth,
             endocardium,
             epicardium,
             septum,
@@ -228,8 +252,10 @@ impl Anatomy {
             corners: elements().map(|e| self.corners[e].map(of)).collect(),
             volume: self.volume,
             contracts: elements().map(|e| self.contracts[e]).collect(),
+            tags: elements().map(|e| self.tags[e]).collect(),
             frames: elements().map(|e| self.frames[e]).collect(),
             fibres: self.fibres.at(part.nodes.iter().map(|node| *node as usize)),
+            depth: part.take(1, &self.depth),
             endocardium: surface(&self.endocardium),
             epicardium: surface(&self.epicardium),
             septum: self.septum.as_ref().map(surface),

@@ -61,6 +61,8 @@ pub struct PointContraction {
     places: Vec<(u32, u8)>,
     n_batches: usize,
     activation_ms: Vec<f64>,
+    /// How long the contraction of each point lasts over that of the middle of the wall.
+    duration: Vec<f64>,
     /// Stretch of end-diastole from the unloaded state.
     lambda_ed: Vec<f64>,
     since_ms: Vec<f64>,
@@ -86,6 +88,7 @@ impl PointContraction {
     /// The model at all points of the muscle of `body`.
     ///
     /// - `activation_ms`: activation time of each vertex of the mesh
+    /// - `epicardial_duration`: how long contraction lasts at the epicardium over how long at the endocardium
     /// - `end_diastole`: deformation in which the stretch is one
     pub(super) fn new(
         contraction: &SharedModel,
@@ -94,10 +97,12 @@ impl PointContraction {
         anatomy: &Anatomy,
         body: &Body,
         activation_ms: &[f64],
+        epicardial_duration: f64,
         end_diastole: &Deformation,
     ) -> Self {
         let SharedModel { model, calcium, start } = contraction.clone();
-        let (mut places, mut times, mut lambda_ed) = (vec![], vec![], vec![]);
+        let (mut places, mut times, mut duration, mut lambda_ed) = (vec![], vec![], vec![], vec![]);
+        let longer = 2.0 * (epicardial_duration - 1.0) / (epicardial_duration + 1.0);
         let n_batches = body.n_point_batches();
         for idx in 0..n_batches {
             let (n_lanes, elements) = body.point_lanes(idx);
@@ -108,6 +113,8 @@ impl PointContraction {
                     places.push((idx as u32, lane as u8));
                     let corners = anatomy.corners[e];
                     times.push((0..4).map(|k| shape[k] * activation_ms[corners[k] as usize]).sum());
+                    let depth: f64 = (0..4).map(|k| shape[k] * anatomy.depth[corners[k] as usize]).sum();
+                    duration.push(1.0 + longer * (depth - 0.5));
                     lambda_ed.push(end_diastole.squared_stretch[idx][lane].sqrt());
                 }
             }
@@ -128,6 +135,7 @@ impl PointContraction {
             places,
             n_batches,
             activation_ms: times,
+            duration,
             lambda_ed,
             since_ms: vec![0.0; n],
             trial: now.clone(),
@@ -148,14 +156,16 @@ impl PointContraction {
     /// Sets the time at the end of the step to be tried.
     pub fn begin_step(&mut self, end_ms: f64) {
         let length = self.cycle_length_ms;
-        for (since, t_a) in self.since_ms.iter_mut().zip(&self.activation_ms) {
+        for ((since, t_a), duration) in self.since_ms.iter_mut().zip(&self.activation_ms).zip(&self.duration) {
             let time = end_ms - t_a;
-            *since = if time >= length { time - (time / length).floor() * length } else { time };
+            let time = if time >= length { time - (time / length).floor() * length } else { time };
+            // The model's own time runs slower where its contraction lasts longer.
+            *since = if time > 0.0 { time / duration } else { time };
         }
         if let Some(calcium) = &self.calcium {
             // Before its first activation a point sees the tail of the previous transient.
-            for (ca, since) in self.trial.ca_um.iter_mut().zip(&self.since_ms) {
-                *ca = calcium.concentration_um(if *since < 0.0 { since + length } else { *since });
+            for ((ca, since), duration) in self.trial.ca_um.iter_mut().zip(&self.since_ms).zip(&self.duration) {
+                *ca = calcium.concentration_um(if *since < 0.0 { (since + length) / duration } else { *since });
             }
         }
     }

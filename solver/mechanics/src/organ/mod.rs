@@ -27,4 +27,4 @@ pub use piece::{Piece, parts_of};
 pub use rank::RankFigures;
 pub use search::{Fitted, Search, SearchProgress, Slope, UnloadingSettings, Watch};
 pub use ventricle::{FiniteElementVentricle, RankParts, VentricleParts, VentricleWork};
-pub use wall::{Spring, WallError, WallParameters};
+pub use wall::{PassiveTissue, Spring, WallError, WallParameters};

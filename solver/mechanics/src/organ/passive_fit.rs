@@ -87,6 +87,9 @@ pub fn fit(
             end_diastolic_volume_mm3,
             unloaded_volume_mm3,
         } => {
+            if wall.muscle.exponent().is_none() {
+                return Err(PassiveStateError::NoExponents { law: wall.muscle.name() });
+            }
             let wanted = [end_diastolic_volume_mm3, unloaded_volume_mm3];
             let mut expected: Option<Vec<f64>> = None;
             let (wall, slope) = fit_law(wall, wanted, tolerance, slope, |wall| {
@@ -109,7 +112,7 @@ pub fn fit(
 /// The same unloaded geometry with the exponents times `factor`, and the stiffness that keeps the end-diastolic volume. Collective.
 ///
 /// # Errors
-/// [`PassiveStateError`] when an inflation fails or no stiffness fits.
+/// [`PassiveStateError`] when an inflation fails, no stiffness fits or the law has no exponents.
 pub fn stiffened(
     piece: &Piece<'_>,
     before: &Fitted,
@@ -118,12 +121,12 @@ pub fn stiffened(
 ) -> Result<Fitted, PassiveStateError> {
     let Fitted { state: before, wall, .. } = before;
     let (wanted, pressure_kpa) = (before.volume_mm3(), before.pressure_kpa);
-    let mut start = wall.clone();
-    for exponent in [&mut start.muscle.b_f, &mut start.muscle.b_t, &mut start.muscle.b_fs] {
-        *exponent *= factor;
+    if wall.muscle.exponent().is_none() {
+        return Err(PassiveStateError::NoExponents { law: wall.muscle.name() });
     }
+    let mut start = wall.clone();
     // Where the fibres' strain is what the law was fitted at, exponents and scale trade off nearly so.
-    start.muscle.c_kpa /= factor * factor;
+    start.muscle = wall.muscle.with_stiffness(wall.muscle.stiffness_kpa() / (factor * factor)).scaled(1.0, factor);
     let from_unloaded =
         |wall: &WallParameters| PassiveState::at(piece, wall, before.unloaded(), before.anchor().to_vec());
     let mut state = from_unloaded(&start)?;
@@ -152,11 +155,8 @@ fn fit_law(
     const FARTHEST: [f64; 2] = [4.0, 2.5];
     const LONGEST: f64 = 0.7;
     let law = |x: [f64; 2]| {
-        let mut wall = start.clone();
-        let m = &mut wall.muscle;
-        m.c_kpa *= x[0].exp();
-        [&mut m.b_f, &mut m.b_t, &mut m.b_fs].into_iter().for_each(|b| *b *= x[1].exp());
-        wall
+        let muscle = start.muscle.scaled(x[0].exp(), x[1].exp());
+        WallParameters { muscle, ..start.clone() }
     };
     let mut misses = |x: [f64; 2]| -> Result<[f64; 2], PassiveStateError> {
         let found = volumes_mm3(&law(x))?;
@@ -254,14 +254,14 @@ fn fit_stiffness(
     tolerance: f64,
     mut volume_mm3: impl FnMut(&WallParameters) -> Result<f64, PassiveStateError>,
 ) -> Result<WallParameters, PassiveStateError> {
-    let start = wall.muscle.c_kpa;
+    let start = wall.muscle.stiffness_kpa();
     let (lowest, highest) = ((start / 30.0).ln(), (start * 30.0).ln());
     let mut ends: [Option<(f64, f64)>; 2] = [None, None];
     let mut ln_c = start.ln();
     let mut last: Option<f64> = None;
     for _ in 0..30 {
         let mut fitted = wall.clone();
-        fitted.muscle.c_kpa = ln_c.exp();
+        fitted.muscle = wall.muscle.with_stiffness(ln_c.exp());
         let volume = match (volume_mm3(&fitted), last) {
             (Ok(found), _) => found,
             (Err(error), _) if error == PassiveStateError::Stopped => return Err(error),

@@ -71,6 +71,15 @@ pub enum PassiveStateError {
         /// Unloaded volume found.
         found_unloaded_ml: f64,
     },
+    /// Two volumes, or a change of the exponents, asked of a law that has a stiffness alone.
+    #[error(
+        "the {law} law of muscle has a stiffness to fit and no exponents: it meets one volume, and end-diastole and unloaded \
+         volume are two, or its exponents are to be changed; expected Guccione's or Holzapfel and Ogden's law"
+    )]
+    NoExponents {
+        /// Which.
+        law: &'static str,
+    },
     /// No stiffness fits.
     #[error(
         "no stiffness gives a volume of {wanted_ml:.2} mL: {low_kpa:.3} kPa gives {at_low_ml:.2} mL, {high_kpa:.3} kPa gives \
@@ -96,7 +105,7 @@ pub enum PassiveStateError {
 pub struct PassiveState {
     /// The wall on its supports.
     pub dynamics: Dynamics,
-    /// Stiffness C \[kPa\].
+    /// Stiffness of the law, see [`crate::material::Law::stiffness_kpa`] \[kPa\].
     pub stiffness_kpa: f64,
     /// Displacement from the unloaded geometry \[mm\].
     pub u: Vec<f64>,
@@ -130,7 +139,7 @@ impl PassiveState {
         let comm = Box::new(piece.comm.clone());
         let dynamics = wall.assemble_static(&piece.anatomy, unloaded, &anchor, &piece.part, comm)?;
         let (u, solver) = (vec![0.0; 3 * unloaded.len()], Solver::new());
-        let stiffness_kpa = wall.muscle.c_kpa;
+        let stiffness_kpa = wall.muscle.stiffness_kpa();
         Ok(Self { dynamics, stiffness_kpa, u, pressure_kpa: 0.0, newton_iterations: 0, passes: 0, anchor, solver })
     }
 
@@ -297,7 +306,7 @@ impl PassiveState {
     ) -> Result<(), PassiveStateError> {
         if self.passes > 0 {
             let mut again = Self::at(piece, wall, self.unloaded(), self.anchor.clone())?.after(self);
-            match again.meet_image(piece, wall, pressure_kpa, true, search) {
+            match again.meet_image(piece, wall, pressure_kpa, [true, false], search) {
                 Ok(()) => {
                     *self = again;
                     return Ok(());
@@ -318,9 +327,10 @@ impl PassiveState {
                     (0..3).for_each(|i| x[i] += ratio * (x[i] - b[i]));
                 }
             }
+            let last_resort = 0.5 * (target - reached) < search.settings.smallest_load;
             let attempt = Self::at(piece, wall, &start, self.anchor.clone()).and_then(|next| {
                 let mut next = next.after(self);
-                next.meet_image(piece, wall, target * pressure_kpa, target == 1.0, search)?;
+                next.meet_image(piece, wall, target * pressure_kpa, [target == 1.0, last_resort], search)?;
                 Ok(next)
             });
             match attempt {
@@ -342,13 +352,16 @@ impl PassiveState {
         Ok(())
     }
 
-    /// Passes of backward displacement at one pressure; a single one where the last word is not needed.
+    /// Passes of backward displacement at one pressure.
+    ///
+    /// - `tight`: until the image is met; otherwise a single pass
+    /// - `patient`: relaxes the wall where Newton's method finds no equilibrium
     fn meet_image(
         &mut self,
         piece: &Piece<'_>,
         wall: &WallParameters,
         pressure_kpa: f64,
-        tight: bool,
+        [tight, patient]: [bool; 2],
         search: &mut Search<'_>,
     ) -> Result<(), PassiveStateError> {
         let settings = search.settings;
@@ -359,11 +372,17 @@ impl PassiveState {
         for pass in 1.. {
             search.go_on(self, pressure_kpa)?;
             let guess = displacement(&piece.anatomy.nodes, self.unloaded());
-            self.settle(guess, pressure_kpa, &settings.newton).map_err(|source| PassiveStateError::Inflation {
-                reached_kpa: 0.0,
-                wanted_kpa: pressure_kpa,
-                source,
-            })?;
+            match self.settle(guess.clone(), pressure_kpa, &settings.newton) {
+                Ok(()) => {}
+                Err(_) if patient => {
+                    self.u = guess;
+                    self.relax(pressure_kpa, search)?;
+                }
+                Err(source) => {
+                    let wanted_kpa = pressure_kpa;
+                    return Err(PassiveStateError::Inflation { reached_kpa: 0.0, wanted_kpa, source });
+                }
+            }
             self.passes += 1;
             let miss: Vec<f64> = (self.dynamics.body.reference().iter().zip(&self.u).zip(flat_image))
                 .map(|((x, u), image)| x + u - image)

@@ -96,8 +96,11 @@ pub(super) fn pack(anatomy: &Anatomy, to: &mut Parcel) {
         VolumeChange::Pointwise => vec![],
         VolumeChange::Nodal { pointwise_share } => vec![pointwise_share],
     });
+    // As bits: a parcel's indices have no sign.
+    to.indices(&anatomy.tags.iter().map(|tag| tag.cast_unsigned()).collect::<Vec<u32>>());
     to.flags(&anatomy.contracts).numbers(anatomy.frames.as_flattened().as_flattened());
     fibre_parcel::pack(&anatomy.fibres, to);
+    to.numbers(&anatomy.depth);
     for surface in [&anatomy.endocardium, &anatomy.epicardium, &anatomy.rim].into_iter().chain(&anatomy.septum) {
         to.indices(triangles(surface).as_flattened());
     }
@@ -117,8 +120,9 @@ pub(super) fn unpack(from: &mut Opened<'_>) -> Anatomy {
         [pointwise_share] => VolumeChange::Nodal { pointwise_share: *pointwise_share },
         _ => VolumeChange::Pointwise,
     };
+    let tags = from.indices().into_iter().map(u32::cast_signed).collect();
     let (contracts, frames) = (from.flags(), from.numbers().as_chunks::<3>().0.as_chunks::<3>().0.to_vec());
-    let fibres = fibre_parcel::unpack(from);
+    let (fibres, depth) = (fibre_parcel::unpack(from), from.numbers().to_vec());
     let mut triangles = || Triangles::Linear(from.indices().as_chunks().0.to_vec());
     let (endocardium, epicardium, rim, septum) = (triangles(), triangles(), triangles(), triangles());
     let mut point = || {
@@ -135,8 +139,10 @@ pub(super) fn unpack(from: &mut Opened<'_>) -> Anatomy {
         corners: tets,
         volume,
         contracts,
+        tags,
         frames,
         fibres,
+        depth,
         endocardium,
         epicardium,
         septum,

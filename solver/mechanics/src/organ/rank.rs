@@ -238,6 +238,7 @@ impl OrganRank {
             &anatomy,
             &dynamics.body,
             &activation_ms,
+            setup.wall.epicardial_duration,
             &deformation,
         )
         .with_viscosity(setup.viscosity);

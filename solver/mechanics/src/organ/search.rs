@@ -40,6 +40,8 @@ impl Default for UnloadingSettings {
             least_pressure_kpa: 0.05,
             max_iterations: 40,
             farthest_mm: 3.0,
+            largest_growth: 100.0,
+            max_halvings: 8,
             foresee_pressures: true,
             // A factorisation costs as much as a hundred solves with it.
             keep_until: 25,

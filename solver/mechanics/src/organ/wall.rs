@@ -16,15 +16,19 @@ use crate::time_integration::GeneralisedAlpha;
 #[derive(Debug, Clone, PartialEq)]
 pub struct WallParameters {
     /// Muscle.
-    pub muscle: Guccione,
+    pub muscle: Law,
     /// Bulk modulus of muscle \[kPa\].
     pub muscle_kappa_kpa: f64,
     /// Active stress of muscle.
     pub active: ActiveLaw,
+    /// How long contraction lasts at the epicardium over how long at the endocardium; linear in the depth between.
+    pub epicardial_duration: f64,
     /// Shear modulus of passive tissue \[kPa\].
     pub passive_mu_kpa: f64,
     /// Bulk modulus of passive tissue \[kPa\].
     pub passive_kappa_kpa: f64,
+    /// Passive tissue of its own by the mesh's tags.
+    pub passive_of_tags: Vec<PassiveTissue>,
     /// Density \[mg/mm³\].
     pub density: f64,
     /// Pericardium: along the normal of epicardium and septum, at the apex; at rest in end-diastole.
@@ -44,18 +48,31 @@ pub struct WallParameters {
     pub valve_plane: ValvePlane,
 }
 
+/// Neo-Hookean tissue of one of the mesh's tags, which does not contract.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PassiveTissue {
+    /// The tag.
+    pub tag: i32,
+    /// Shear modulus \[kPa\].
+    pub mu_kpa: f64,
+    /// Bulk modulus \[kPa\].
+    pub kappa_kpa: f64,
+}
+
 impl Default for WallParameters {
     fn default() -> Self {
         Self {
-            muscle: Guccione::guccione1995(1.0),
+            muscle: Law::Guccione(Guccione::guccione1995(1.0)),
             muscle_kappa_kpa: 1000.0,
-            active: ActiveLaw::PAPER,
+            active: ActiveLaw { sheet_normal: 0.4, ..ActiveLaw::PAPER },
+            epicardial_duration: 0.9,
             passive_mu_kpa: 26.66,
             passive_kappa_kpa: 1000.0,
+            passive_of_tags: vec![],
             density: 1.06,
-            pericardium: Spring { stiffness: 0.5, damping: 0.0 },
-            pericardial_base_share: 1.0,
-            rim: Spring { stiffness: 0.02, damping: 0.0 },
+            pericardium: Spring { stiffness: 1.0, damping: 0.0 },
+            pericardial_base_share: 0.2,
+            rim: Spring { stiffness: 0.1, damping: 0.0 },
             static_spring: 0.3,
             damping: Rayleigh { mass_per_ms: 0.1, stiffness_ms: 0.1 },
             spectral_radius: 0.0,
@@ -107,6 +124,7 @@ impl WallParameters {
             ("base share", self.pericardial_base_share, self.pericardial_base_share >= 0.0, "zero or more"),
             ("rim spring", self.rim.stiffness, self.rim.stiffness > 0.0, "positive"),
             ("rim dashpot", self.rim.damping, self.rim.damping >= 0.0, "zero or more"),
+            ("epicardial duration", self.epicardial_duration, self.epicardial_duration > 0.1, "above 0.1"),
             ("static spring", self.static_spring, self.static_spring > 0.0, "positive"),
             ("mass damping", self.damping.mass_per_ms, self.damping.mass_per_ms >= 0.0, "zero or more"),
             ("stiffness damping", self.damping.stiffness_ms, self.damping.stiffness_ms >= 0.0, "zero or more"),
@@ -140,16 +158,19 @@ impl WallParameters {
             active,
             density: self.density,
         };
-        let tissues = vec![
-            tissue(Law::Guccione(self.muscle), self.muscle_kappa_kpa, VolumetricLaw::LnSquared, Some(self.active)),
-            tissue(
-                Law::NeoHookean(NeoHookean { mu_kpa: self.passive_mu_kpa }),
-                self.passive_kappa_kpa,
-                VolumetricLaw::Quadratic,
-                None,
-            ),
-        ];
-        let tissue_of: Vec<usize> = anatomy.contracts.iter().map(|c| usize::from(!c)).collect();
+        let passive = |mu_kpa, kappa_kpa| {
+            tissue(Law::NeoHookean(NeoHookean { mu_kpa }), kappa_kpa, VolumetricLaw::Quadratic, None)
+        };
+        let muscle = tissue(self.muscle, self.muscle_kappa_kpa, VolumetricLaw::LnSquared, Some(self.active));
+        let mut tissues = vec![muscle, passive(self.passive_mu_kpa, self.passive_kappa_kpa)];
+        tissues.extend(self.passive_of_tags.iter().map(|of| passive(of.mu_kpa, of.kappa_kpa)));
+        let tissue_of: Vec<usize> = (anatomy.contracts.iter().zip(&anatomy.tags))
+            .map(|(contracts, tag)| match self.passive_of_tags.iter().position(|of| of.tag == *tag) {
+                _ if *contracts => 0,
+                Some(own) => 2 + own,
+                None => 1,
+            })
+            .collect();
         let frame = |e: usize, x: [f64; 3]| anatomy.frame_at(unloaded, e, x);
         let (n_vertices, volume) = (anatomy.n_vertices, anatomy.volume);
         macro_rules! input {

@@ -96,6 +96,9 @@ pub struct StepSettings {
     pub max_halvings: usize,
     /// An iteration's step is halved when an element's volume would shrink below this share.
     pub smallest_volume_ratio: f64,
+    /// An iteration's step is halved when the residual would grow by more than this factor. It may grow by a good deal: with stiff
+    /// volume change the residual of an early iteration is thirty times the start's, and Newton's method converges all the same.
+    pub largest_growth: f64,
     /// Farthest that an iteration moves a node \[mm\]: exponential laws answer a larger step by a larger error.
     pub farthest_mm: f64,
     /// Whether the tangent is taken at the nodal pressures that the last iteration foresaw, not at those of the volumes as
@@ -123,6 +126,7 @@ impl Default for StepSettings {
             max_iterations: 12,
             max_halvings: 4,
             smallest_volume_ratio: 0.1,
+            largest_growth: f64::INFINITY,
             farthest_mm: f64::INFINITY,
             foresee_pressures: false,
             extrapolate: true,
@@ -336,9 +340,15 @@ pub fn step(
             candidate.pressure_kpa = start_kpa + share * change_kpa;
             let smallest = dynamics.complete(dt_ms, now, candidate);
             if whole(&smallest) {
-                break;
-            }
-            if halving >= settings.max_halvings {
+                agree(space.comm, stress.evaluate(dt_ms, &candidate.deformation, &mut candidate.active))?;
+                dynamics.residual(now, candidate, &mut force, &mut r);
+                let bounded = settings.largest_growth == f64::INFINITY
+                    || space.norm(&r) <= settings.largest_growth * norm.max(wanted)
+                    || halving >= settings.max_halvings;
+                if bounded {
+                    break;
+                }
+            } else if halving >= settings.max_halvings {
                 let Smallest { element, volume_ratio } = smallest;
                 return Err(StepError::Inverted { element, volume_ratio });
             }
@@ -347,9 +357,7 @@ pub fn step(
         if let Some(before) = before {
             solver.foresee(space, &before, share, &mut x);
         }
-        agree(space.comm, stress.evaluate(dt_ms, &candidate.deformation, &mut candidate.active))?;
         report.iterations += 1;
-        dynamics.residual(now, candidate, &mut force, &mut r);
         linearised = false;
     }
 }

@@ -1,5 +1,7 @@
 //! A generated heart and its circulation.
 
+#![allow(dead_code, reason = "each test uses a part of it")]
+
 use cardiotwin_mesh::eikonal::{Conduction, activation_ms};
 use cardiotwin_mesh::ellipsoid::{EllipsoidSpec, generate};
 use cardiotwin_mesh::fibres::{Angles, make};

@@ -23,7 +23,7 @@ use crate::team::Team;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Element {
-    /// Linear with nodal volume change: the workflow's default.
+    /// A cohort's, where it asks for no others.
     Linear,
     /// Linear with a plain penalty: the paper's.
     Pointwise,

@@ -53,7 +53,7 @@ fn going_on(stop: &StopFlag) -> Result<(), BenchError> {
 
 pub(super) fn wall() -> WallParameters {
     let mut wall = WallParameters::default();
-    wall.muscle.c_kpa = STIFFNESS_KPA;
+    wall.muscle = wall.muscle.with_stiffness(STIFFNESS_KPA);
     wall
 }
 
@@ -84,7 +84,7 @@ impl Subject {
         report("mesh, fibres, activation");
         let (mesh, times) = heart(nodes, stop)?;
         let kind = match element {
-            Element::Linear => ElementKind::LINEAR_NODAL,
+            Element::Linear => ElementKind::default(),
             Element::Pointwise => ElementKind::LINEAR_POINTWISE,
         };
         let anatomy = Anatomy::of(&mesh, &[tags::LEFT_VENTRICLE], kind).map_err(failed("no anatomy"))?;

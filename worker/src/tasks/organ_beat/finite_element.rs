@@ -331,13 +331,7 @@ fn equations(spec: &OrganBeatSpec) -> EquationSettings {
 }
 
 fn step_settings(spec: &OrganBeatSpec) -> StepSettings {
-    let EquationSettings { tolerance, linear_solver, .. } = equations(spec);
-    StepSettings {
-        relative_tolerance: tolerance,
-        max_iterations: spec.newton_iterations as usize,
-        linear: wall::linear_solver(linear_solver),
-        ..StepSettings::default()
-    }
+    wall::steps(&equations(spec), spec.newton_iterations)
 }
 
 /// Does `work` with the parts of a ventricle, and whether several ranks can share it; returns the circulation, too.

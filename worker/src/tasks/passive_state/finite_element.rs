@@ -21,13 +21,14 @@ use cardiotwin_mesh::tet_mesh::TetMesh;
 use cardiotwin_models::effects::{EffectSetting, InThreeDimensions};
 use cardiotwin_models::ventricle::passive_state::klotz_unloaded_volume;
 use cardiotwin_schemas::finite_element::{AnatomySpec, FiniteElementOrgan, VentricleFigures, WallSettings};
+use cardiotwin_schemas::muscle::MuscleLaw;
 use cardiotwin_schemas::outcome::Estimate;
 use cardiotwin_schemas::settings::StartMode;
 use cardiotwin_schemas::task::PassiveStateSpec;
 use cardiotwin_units::{MMHG_PER_KPA, Ml, Mmhg};
 
 use super::own_mesh::{Taken, take};
-use super::{EndDiastole, Measurements, onset_ms};
+use super::{EndDiastole, Measurements, onset_ms, passive_tags};
 use crate::context::Context;
 use crate::error::TaskError;
 use crate::finite_element::passive::{Workers, found};
@@ -141,6 +142,8 @@ fn mesh(
     };
     let meshed = begun.elapsed().as_secs_f64();
     let muscle = vec![tags::LEFT_VENTRICLE];
+    let passive = mesh.tags.iter().copied().filter(|tag| !muscle.contains(tag));
+    passive_tags::check(&anatomy.wall.passive, passive)?;
     let f = &anatomy.fibres;
     let fibres = mesh.frames.is_empty().then_some(Angles {
         alpha_endo_deg: f.alpha_endo_deg,
@@ -282,7 +285,8 @@ fn build(
         // reduced ventricle.
         job.steepened_by = (!given && of_effects != 1.0).then_some(of_effects);
         let state = searched(&anatomy, &job, &spec.wall, context)?;
-        let exponent_factor = state.wall.muscle.b_f / spec.wall.b_f;
+        let exponents = state.wall.muscle.exponent().zip(wall::muscle(&spec.wall).exponent());
+        let exponent_factor = exponents.map_or(1.0, |(found, own)| found / own);
         let [meshed, fibres, activation] = seconds;
         let seconds = [meshed, fibres, activation, begun.elapsed().as_secs_f64() - meshed - fibres - activation];
         return Ok(Built { mesh, times, degrees_of_freedom, state, exponent_factor, seconds });
@@ -309,11 +313,16 @@ pub(super) fn make(
     let of_effects = exponent_factor(anatomy_spec)?;
     let mut adapted = anatomy_spec.clone();
     if let Some(given) = spec.guccione_c_kpa {
+        if adapted.wall.muscle_law != MuscleLaw::Guccione {
+            return Err(FiniteElementError::StiffnessOfAnotherLaw { law: wall::muscle(&adapted.wall).name() }.into());
+        }
         adapted.wall.guccione_c_kpa = given;
     }
     let given = spec.guccione_c_kpa.is_some();
     let mut target = Target::of(spec, measured, end_diastole, &mut remarks);
-    let own = spec.own_mesh.as_ref().map(|own| take(own, target.image_ml)).transpose()?;
+    let named = std::mem::take(&mut adapted.wall.passive);
+    let own = spec.own_mesh.as_ref().map(|own| take(own, target.image_ml, &named)).transpose()?;
+    adapted.wall.passive = if own.is_some() { passive_tags::renamed(&named) } else { named };
     if let Some(own) = &own {
         // The image's volume is the mesh's, whatever was measured in other images.
         if target.before_end_diastole {
@@ -340,8 +349,10 @@ pub(super) fn make(
         estimates.push(Estimate {
             key: "passive.exponent_factor".to_owned(),
             value: exponent_factor / of_effects,
-            method: "with Guccione's C, so that unloaded volume (Klotz 2006), image and end-diastole are met"
-                .to_owned(),
+            method: format!(
+                "with the stiffness of {}'s law, so that unloaded volume (Klotz 2006), image and end-diastole are met",
+                state.wall.muscle.name()
+            ),
         });
     }
     let names = ["seconds_mesh", "seconds_fibres", "seconds_activation", "seconds_unloading"];
@@ -358,7 +369,7 @@ pub(super) fn make(
     count("unloading_passes", state.passes as f64);
 
     let FoundState { end_diastole: found, wall: fitted, .. } = state;
-    adapted.wall.guccione_c_kpa = fitted.muscle.c_kpa;
+    adapted.wall = wall::with_stiffness(&adapted.wall, fitted.muscle.stiffness_kpa());
     let volumes = (1e-3 * state.unloaded_volume_mm3, 1e-3 * state.volume_mm3);
     let figures = VentricleFigures {
         nodes: mesh.n_nodes() as u64,
@@ -371,7 +382,7 @@ pub(super) fn make(
         unloaded_volume_ml: volumes.0,
         end_diastolic_volume_ml: volumes.1,
         end_diastolic_pressure_mmhg: target.end_diastole.pressure_mmhg,
-        stiffness_kpa: fitted.muscle.c_kpa,
+        stiffness_kpa: fitted.muscle.stiffness_kpa(),
         exponent_factor,
         onset_ms,
         spread_ms,

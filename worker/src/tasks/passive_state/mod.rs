@@ -5,6 +5,7 @@ pub(crate) mod estimates;
 mod finite_element;
 mod onset;
 mod own_mesh;
+mod passive_tags;
 mod perturbation;
 
 use std::collections::BTreeMap;

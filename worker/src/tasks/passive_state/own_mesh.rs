@@ -9,8 +9,10 @@ use cardiotwin_mesh::order::Renumbering;
 use cardiotwin_mesh::tags;
 use cardiotwin_mesh::tet_mesh::{TetMesh, surface_names};
 use cardiotwin_schemas::finite_element::{MeshFibres, OwnMesh};
+use cardiotwin_schemas::muscle::PassiveTissues;
 use cardiotwin_units::{Ml, Ms};
 
+use super::passive_tags;
 use crate::error::TaskError;
 use crate::finite_element::FiniteElementError;
 use crate::inputs::read_verified;
@@ -36,9 +38,12 @@ pub(super) struct Taken {
 
 /// Reads and checks the mesh of a heart whose cavity was measured to hold `measured_ml` when it was imaged.
 ///
+/// - `passive`: passive tissues with moduli of their own, by the mesh's tags; in the mesh they have [`passive_tags::ours`]
+///
 /// # Errors
-/// [`TaskError`] when a file is missing or changed, [`FiniteElementError::OwnMesh`] with every defect of the mesh.
-pub(super) fn take(own: &OwnMesh, measured_ml: f64) -> Result<Taken, TaskError> {
+/// [`TaskError`] when a file is missing or changed, [`FiniteElementError::OwnMesh`] with every defect of the mesh,
+/// [`FiniteElementError::PassiveTag`] where a named tissue is missing.
+pub(super) fn take(own: &OwnMesh, measured_ml: f64, passive: &PassiveTissues) -> Result<Taken, TaskError> {
     for file in own.files.iter().chain(&own.activation_times) {
         read_verified(file)?;
     }
@@ -71,8 +76,11 @@ pub(super) fn take(own: &OwnMesh, measured_ml: f64) -> Result<Taken, TaskError> 
     if !defects.is_empty() {
         return Err(refused(format!("{} cannot be computed with:\n{}", first.path.display(), defects.join("\n"))));
     }
+    let contracts = |tag: i32| own.left_ventricle.contains(&tag);
+    passive_tags::check(passive, mesh.tags.iter().copied().filter(|tag| !contracts(*tag)))
+        .map_err(TaskError::FiniteElement)?;
     for tag in &mut mesh.tags {
-        *tag = if own.left_ventricle.contains(tag) { tags::LEFT_VENTRICLE } else { tags::AORTIC_ROOT };
+        *tag = if contracts(*tag) { tags::LEFT_VENTRICLE } else { passive_tags::ours(passive, *tag) };
     }
     let times = match &own.activation_times {
         Some(file) => Some(node_values::read(&file.path, mesh.n_nodes()).map_err(unreadable)?),

@@ -1,0 +1,58 @@
+//! Passive tissue that has moduli of its own, by the mesh's tags.
+
+use cardiotwin_mesh::tags;
+use cardiotwin_schemas::muscle::PassiveTissues;
+
+use crate::finite_element::FiniteElementError;
+
+/// Tag that the first of a patient's own passive tissues has in our mesh, whose other tags are below it.
+const FIRST: i32 = 1000;
+
+/// All tags that are named exist.
+///
+/// - `passive`: tags of the mesh's passive tissue, each once or often
+///
+/// # Errors
+/// [`FiniteElementError::PassiveTag`] for the first that does not.
+pub(super) fn check(named: &PassiveTissues, passive: impl Iterator<Item = i32>) -> Result<(), FiniteElementError> {
+    let mut passive: Vec<i32> = passive.collect();
+    passive.sort_unstable();
+    passive.dedup();
+    match named.keys().find(|tag| !passive.contains(tag)) {
+        Some(&tag) => Err(FiniteElementError::PassiveTag { tag, passive }),
+        None => Ok(()),
+    }
+}
+
+/// Our tag of passive tissue that has this tag in a patient's own mesh.
+pub(super) fn ours(named: &PassiveTissues, tag: i32) -> i32 {
+    let place = named.keys().zip(FIRST..).find(|(named, _)| **named == tag);
+    place.map_or(tags::AORTIC_ROOT, |(_, ours)| ours)
+}
+
+/// The same tissues by our tags.
+pub(super) fn renamed(named: &PassiveTissues) -> PassiveTissues {
+    named.iter().map(|(tag, tissue)| (ours(named, *tag), *tissue)).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use cardiotwin_schemas::muscle::PassiveTissueSettings;
+
+    use super::*;
+
+    #[test]
+    fn tags_are_checked_and_made_ours() {
+        let tissue = |mu_kpa| PassiveTissueSettings { mu_kpa, kappa_kpa: 100.0 };
+        let named = PassiveTissues::from([(1, tissue(3.0)), (7, tissue(9.0))]);
+        assert!(check(&named, [7, 1, 9, 7].into_iter()).is_ok());
+        let missing = check(&named, [9, 1, 9].into_iter()).unwrap_err();
+        assert_eq!(
+            missing.to_string(),
+            "solver.finite_element.wall.passive.7: the mesh has no passive tissue with this tag, expected one of 1, 9"
+        );
+        // A passive tag may be the one that muscle has with us.
+        assert_eq!([1, 7, 9].map(|tag| ours(&named, tag)), [1000, 1001, tags::AORTIC_ROOT]);
+        assert_eq!(renamed(&named), PassiveTissues::from([(1000, tissue(3.0)), (1001, tissue(9.0))]));
+    }
+}
