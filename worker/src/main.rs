@@ -64,6 +64,9 @@ enum Command {
     Benchmark {
         /// The benchmark, in TOML
         file: PathBuf,
+        /// Elements, time integration and tolerances of a cohort that asks for no others, whatever the file says
+        #[arg(long)]
+        as_cohort: bool,
         /// File for the table; standard output without
         #[arg(long, value_name = "CSV")]
         out: Option<PathBuf>,
@@ -167,13 +170,13 @@ fn execute(command: Command) -> anyhow::Result<ExitCode> {
             let outcome = simulate(&task, context);
             println!("{}", serde_json::to_string_pretty(&outcome)?);
         }
-        Command::Benchmark { file, out, quiet } => {
+        Command::Benchmark { file, as_cohort, out, quiet } => {
             let mut progress = |line: &str| {
                 if !quiet {
                     eprintln!("{line}");
                 }
             };
-            let done = run_benchmark(&file, out.as_deref(), &stop, &mut progress)?;
+            let done = run_benchmark(&file, as_cohort, out.as_deref(), &stop, &mut progress)?;
             progress(&done.to_string());
         }
         Command::Opencarp { specs, out } => {

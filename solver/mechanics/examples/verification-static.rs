@@ -8,13 +8,9 @@ use std::time::Instant;
 
 use cardiotwin_mechanics::statics::LoadSteps;
 use verification::problems::{
-    APEX_ENDO, APEX_EPI, BEAM_TIP, Element, KAPPA_KPA, P1, P1_NODAL, P2_NODAL, Problem, SPHERE, Solution, beam,
-    contraction, inflation, sphere,
+    APEX_ENDO, APEX_EPI, BEAM_TIP, KAPPA_KPA, Problem, SPHERE, Solution, beam, compared, contraction, inflation, sphere,
 };
 use verification::sphere::{incompressible_pressure, inner_stretch};
-
-const ELEMENTS: [(&str, Element); 3] =
-    [("linear pointwise", P1), ("linear nodal", P1_NODAL), ("quadratic nodal", P2_NODAL)];
 
 /// Bulk moduli \[kPa\]: of the inflation, whose wall would grow by per cents at the customary one; of the convergence on
 /// the sphere.
@@ -29,7 +25,7 @@ fn table(
     figures: impl Fn(&Solution) -> [f64; 3],
 ) {
     println!("element,size,layers,tets,dofs,a,b,c,newton,seconds");
-    for (name, element) in ELEMENTS {
+    for (name, element) in compared() {
         for &(n, layers) in if element.quadratic { quadratic } else { linear } {
             let problem = problem(n, layers);
             let start = Instant::now();

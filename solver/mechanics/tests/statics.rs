@@ -10,11 +10,13 @@ use cardiotwin_mechanics::linear::KrylovSettings;
 use cardiotwin_mechanics::linear::Operator as _;
 use cardiotwin_mechanics::material::{Law, NeoHookean, Tissue, Volumetric, VolumetricLaw};
 use cardiotwin_mechanics::newton::{LinearSolver, NewtonSettings};
+use cardiotwin_mechanics::organ::ElementKind;
 use cardiotwin_mechanics::parallel::{Layout, SingleProcess, Space};
 use cardiotwin_mechanics::statics::{LoadSteps, StaticProblem, load};
 use verification::meshes::cuboid;
 use verification::problems::{
-    APEX_ENDO, APEX_EPI, BEAM_TIP, Element, P1, P1_NODAL, P2_NODAL, SPHERE, beam, contraction, inflation, sphere,
+    APEX_ENDO, APEX_EPI, BEAM_TIP, Element, P1, P1_NODAL, P2_NODAL, SPHERE, beam, compared, contraction, inflation,
+    sphere,
 };
 use verification::sphere::{incompressible_pressure, inner_stretch};
 
@@ -230,4 +232,22 @@ fn a_load_that_cannot_be_borne_ends_with_the_last_equilibrium_and_the_reason() {
     let steps = LoadSteps { first: 0.25, smallest: 0.02, ..LoadSteps::default() };
     let error = problem.solve_with(P1_NODAL, &steps).err().expect("no equilibrium at this pressure").to_string();
     assert!(error.starts_with("no equilibrium beyond 0."), "{error}");
+}
+
+#[test]
+fn tables_of_the_verification_begin_with_the_elements_of_a_ventricle_that_asks_for_none() {
+    let compared = compared();
+    assert_eq!(compared[0].1, ElementKind::default());
+    assert_eq!(compared[0].0, format!("cohort's: {}", ElementKind::default()));
+    let mut names: Vec<&String> = compared.iter().map(|(name, _)| name).collect();
+    names.dedup();
+    assert_eq!(names.len(), compared.len(), "each row tells its elements apart");
+    for (name, element) in [
+        ("linear pointwise", ElementKind::LINEAR_POINTWISE),
+        ("linear nodal (0.05 pointwise)", ElementKind::LINEAR_NODAL),
+        ("quadratic nodal", ElementKind::QUADRATIC_NODAL),
+    ] {
+        assert_eq!(element.to_string(), name);
+        assert!(compared.iter().any(|(_, other)| *other == element), "{name} is not beside it");
+    }
 }

@@ -7,29 +7,34 @@ use cardiotwin_mechanics::element::batch::Frame;
 use cardiotwin_mechanics::element::kernel::{ActivePoint, VolumeChange};
 use cardiotwin_mechanics::element::quadratic::QuadraticMesh;
 use cardiotwin_mechanics::material::{ActiveLaw, Guccione, Law, NeoHookean, Tissue, Volumetric, VolumetricLaw};
+use cardiotwin_mechanics::organ::ElementKind;
 use cardiotwin_mechanics::parallel::{Layout, SingleProcess};
 use cardiotwin_mechanics::statics::{LoadSteps, StaticProblem, StaticReport, load};
 
 use super::meshes::{Mesh, cuboid, disc, extrude, triangle};
 
-pub const P1: Element = Element { quadratic: false, volume: VolumeChange::Pointwise };
-pub const P1_NODAL: Element = p1_nodal(0.05);
+/// What a ventricle is made of, too.
+pub type Element = ElementKind;
+
+pub const P1: Element = ElementKind::LINEAR_POINTWISE;
+pub const P1_NODAL: Element = ElementKind::LINEAR_NODAL;
 pub const P2: Element = Element { quadratic: true, volume: VolumeChange::Pointwise };
-pub const P2_NODAL: Element = Element { quadratic: true, volume: VolumeChange::Nodal { pointwise_share: 0.0 } };
+pub const P2_NODAL: Element = ElementKind::QUADRATIC_NODAL;
 
 pub const fn p1_nodal(pointwise_share: f64) -> Element {
     Element { quadratic: false, volume: VolumeChange::Nodal { pointwise_share } }
 }
 
+/// The elements of the tables by name: a cohort's, which the verdicts are about, then others beside them.
+pub fn compared() -> Vec<(String, Element)> {
+    let cohorts = Element::default();
+    let others = [P1, P1_NODAL, P2_NODAL].into_iter().filter(|element| *element != cohorts);
+    let named = others.map(|element| (element.to_string(), element));
+    std::iter::once((format!("cohort's: {cohorts}"), cohorts)).chain(named).collect()
+}
+
 /// Bulk modulus of the benchmark's problems \[kPa\].
 pub const KAPPA_KPA: f64 = 1000.0;
-
-/// Degree of the displacement and treatment of the volume.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Element {
-    pub quadratic: bool,
-    pub volume: VolumeChange,
-}
 
 /// A problem on a linear mesh, to be solved with any element.
 pub struct Problem {

@@ -2,6 +2,8 @@
 
 use std::path::PathBuf;
 
+use cardiotwin_schemas::finite_element::{ElementKind, LinearSolver};
+use cardiotwin_schemas::muscle::ActiveConvention;
 use serde::Deserialize;
 
 /// A benchmark: one body, its loads in time, what is wanted of it.
@@ -95,22 +97,18 @@ pub enum Axis {
     Z,
 }
 
-/// Elements.
-#[derive(Debug, Clone, Deserialize)]
+/// Elements: a cohort's by name, or by their parts.
+#[derive(Debug, Clone, Copy, Default, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct ElementTable {
-    /// linear or quadratic.
-    pub degree: Degree,
-    /// pointwise or nodal.
-    pub volume: VolumeName,
-    /// Share of κ that stays pointwise with nodal volume change.
-    pub pointwise_share: f64,
-}
-
-impl Default for ElementTable {
-    fn default() -> Self {
-        Self { degree: Degree::Quadratic, volume: VolumeName::Nodal, pointwise_share: 0.0 }
-    }
+    /// As `solver.finite_element.element` of a cohort.
+    pub kind: Option<ElementKind>,
+    /// linear or quadratic, which is the default.
+    pub degree: Option<Degree>,
+    /// pointwise or nodal, which is the default.
+    pub volume: Option<VolumeName>,
+    /// Share of κ that stays pointwise with nodal volume change; 0 by default.
+    pub pointwise_share: Option<f64>,
 }
 
 /// Degree of the displacement.
@@ -231,22 +229,10 @@ pub enum VolumetricName {
 #[serde(deny_unknown_fields)]
 pub struct ActiveTable {
     /// second-piola, first-piola or per-squared-stretch.
-    pub convention: ConventionName,
+    pub convention: ActiveConvention,
     /// Share across the fibre.
     #[serde(default)]
     pub cross_fibre: f64,
-}
-
-/// Names of conventions.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum ConventionName {
-    /// `S = Ta f⊗f`.
-    SecondPiola,
-    /// `S = Ta/λ f⊗f`.
-    FirstPiola,
-    /// `S = Ta/λ² f⊗f`.
-    PerSquaredStretch,
 }
 
 /// Where fibres come from.
@@ -492,23 +478,16 @@ pub struct SolverTable {
     /// Most Newton iterations of a step.
     pub max_iterations: usize,
     /// Linear solver.
-    pub linear: LinearName,
+    pub linear: LinearSolver,
 }
 
 impl Default for SolverTable {
     fn default() -> Self {
-        Self { relative_tolerance: 1e-4, least_pressure_kpa: 0.5, max_iterations: 15, linear: LinearName::BlockJacobi }
+        Self {
+            relative_tolerance: 1e-4,
+            least_pressure_kpa: 0.5,
+            max_iterations: 15,
+            linear: LinearSolver::BlockJacobi,
+        }
     }
-}
-
-/// Linear solvers.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum LinearName {
-    /// Conjugate gradients with 3×3 blocks.
-    BlockJacobi,
-    /// Conjugate gradients with symmetric Gauss–Seidel.
-    SymmetricSweep,
-    /// Factorisation, kept from step to step.
-    Direct,
 }

@@ -11,11 +11,14 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use cardiotwin_mechanics::dynamics::Rayleigh;
+use cardiotwin_mechanics::organ::ElementKind;
 use cardiotwin_mechanics::prescribed::{RunCost, Schedule, run, settle};
 use cardiotwin_mechanics::statics::LoadSteps;
 use cardiotwin_mechanics::step::StepSettings;
 use cardiotwin_mechanics::time_integration::GeneralisedAlpha;
+use cardiotwin_schemas::finite_element::FiniteElementSettings;
 
+use crate::finite_element::wall;
 use crate::stop::StopFlag;
 pub use error::BenchmarkError;
 use error::chain;
@@ -28,7 +31,9 @@ use output::Table;
 pub struct BenchmarkSummary {
     /// Title of the file.
     pub title: String,
-    /// Elements.
+    /// Which elements.
+    pub element: ElementKind,
+    /// How many.
     pub n_tets: usize,
     /// Degrees of freedom.
     pub n_dofs: usize,
@@ -45,20 +50,70 @@ impl std::fmt::Display for BenchmarkSummary {
         let RunCost { steps, n_cut, newton_iterations, krylov_iterations, factorisations } = self.cost;
         write!(
             f,
-            "{} elements, {} degrees of freedom: {steps} steps ({n_cut} cut), {newton_iterations} Newton and \
+            "{} elements ({}), {} degrees of freedom: {steps} steps ({n_cut} cut), {newton_iterations} Newton and \
              {krylov_iterations} linear iterations, {factorisations} factorisations, {:.1} s",
-            self.n_tets, self.n_dofs, self.seconds
+            self.n_tets, self.element, self.n_dofs, self.seconds
         )
     }
 }
 
+/// How a benchmark is computed: all that is not the problem's.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Method {
+    element: ElementKind,
+    scheme: GeneralisedAlpha,
+    steps: StepSettings,
+}
+
+impl Method {
+    /// What a cohort computes with where it asks for nothing else.
+    fn of_a_cohort() -> Self {
+        let settings = FiniteElementSettings::default();
+        let anatomy = settings.anatomy(&[]);
+        Self {
+            element: wall::element(anatomy.element),
+            scheme: wall::parameters(&anatomy.wall, 1.0, 0.0).scheme(),
+            steps: wall::steps(&settings.equations(), settings.newton_iterations),
+        }
+    }
+
+    /// What the file asks for, or a cohort.
+    fn of(file: &Path, parsed: &BenchmarkFile, as_cohort: bool) -> Result<Self, BenchmarkError> {
+        let cohort = Self::of_a_cohort();
+        if as_cohort {
+            return Ok(cohort);
+        }
+        let scheme = match &parsed.time {
+            TimeTable::Dynamic { alpha_m, alpha_f, .. } => {
+                GeneralisedAlpha::with_weights(*alpha_m, *alpha_f).map_err(|e| {
+                    let found = format!("{alpha_m}, {alpha_f}");
+                    BenchmarkError::key(file, "time.alpha_m, time.alpha_f", found, e.to_string())
+                })?
+            }
+            TimeTable::Static { .. } => cohort.scheme,
+        };
+        let solver = &parsed.solver;
+        let steps = StepSettings {
+            relative_tolerance: solver.relative_tolerance,
+            least_pressure_kpa: solver.least_pressure_kpa,
+            max_iterations: solver.max_iterations,
+            linear: wall::linear_solver(solver.linear),
+            ..StepSettings::default()
+        };
+        Ok(Self { element: names::element(file, &parsed.element)?, scheme, steps })
+    }
+}
+
 /// Reads `file`, computes it and writes the table to `out` (standard output where `None`). `progress` gets a line now and
-/// then. A table that ends early, by an error or by `stop`, holds the rows up to there.
+/// then. With `as_cohort` elements, time integration and settings of the steps are those of a cohort that asks for no others,
+/// whatever the file says; laws, loads, supports and damping are the problem's. A table that ends early, by an error or by
+/// `stop`, holds the rows up to there.
 ///
 /// # Errors
 /// [`BenchmarkError`] with file and key, or with the time that was reached.
 pub fn run_benchmark(
     file: &Path,
+    as_cohort: bool,
     out: Option<&Path>,
     stop: &StopFlag,
     progress: &mut dyn FnMut(&str),
@@ -68,19 +123,19 @@ pub fn run_benchmark(
         std::fs::read_to_string(file).map_err(|source| BenchmarkError::Read { file: file.to_owned(), source })?;
     let parsed: BenchmarkFile = toml::from_str(&text)
         .map_err(|source| BenchmarkError::Format { file: file.to_owned(), source: Box::new(source) })?;
+    let method = Method::of(file, &parsed, as_cohort)?;
     let model = Model::read(file, &parsed)?;
     let setup = model
-        .problem()?
+        .problem(method.element)?
         .set_up()
         .map_err(|e| BenchmarkError::key(file, "mesh", chain(&e), "a body that can be built"))?;
     let (n_tets, n_dofs) = (model.mesh.n_tets(), 3 * setup.body.n_nodes());
-    progress(&format!("{}: {n_tets} elements, {n_dofs} degrees of freedom", parsed.title));
+    progress(&format!("{}: {n_tets} elements ({}), {n_dofs} degrees of freedom", parsed.title, method.element));
     let mut table = Table::create(&parsed, out)?;
-    let linear = names::linear(parsed.solver.linear);
     let cost = match &parsed.time {
         TimeTable::Static { at_ms, first_load_step } => {
             let mut steps = LoadSteps { first: *first_load_step, ..LoadSteps::default() };
-            steps.newton.linear = linear;
+            steps.newton.linear = method.steps.linear;
             let (sample, report) = settle(&setup, *at_ms, &steps).map_err(|e| BenchmarkError::Failed(chain(&e)))?;
             table.row(&sample)?;
             RunCost {
@@ -90,25 +145,17 @@ pub fn run_benchmark(
                 ..RunCost::default()
             }
         }
-        TimeTable::Dynamic { alpha_m, alpha_f, mass_damping_per_ms, stiffness_damping_ms, .. } => {
+        TimeTable::Dynamic { mass_damping_per_ms, stiffness_damping_ms, .. } => {
             let schedule = names::schedule(file, &parsed.time)?;
-            let scheme = GeneralisedAlpha::with_weights(*alpha_m, *alpha_f).map_err(|e| {
-                BenchmarkError::key(file, "time.alpha_m, time.alpha_f", format!("{alpha_m}, {alpha_f}"), e.to_string())
-            })?;
             let damping = Rayleigh { mass_per_ms: *mass_damping_per_ms, stiffness_ms: *stiffness_damping_ms };
-            let settings = StepSettings {
-                relative_tolerance: parsed.solver.relative_tolerance,
-                least_pressure_kpa: parsed.solver.least_pressure_kpa,
-                max_iterations: parsed.solver.max_iterations,
-                linear,
-                ..StepSettings::default()
-            };
-            move_body(setup, scheme, damping, &schedule, &settings, &mut table, &watch, stop, progress)?
+            let Method { scheme, steps, .. } = &method;
+            move_body(setup, *scheme, damping, &schedule, steps, &mut table, &watch, stop, progress)?
         }
     };
     table.finish()?;
     Ok(BenchmarkSummary {
         title: parsed.title,
+        element: method.element,
         n_tets,
         n_dofs,
         cost,
@@ -153,5 +200,60 @@ fn move_body(
     match failure {
         Some(error) => Err(error),
         None => result.map_err(|e| BenchmarkError::Failed(chain(&e))),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use cardiotwin_mechanics::material::Law;
+    use cardiotwin_mechanics::organ::WallParameters;
+    use cardiotwin_schemas::finite_element::EquationSettings;
+
+    use super::*;
+
+    const CASE: &str = include_str!("../../../examples/benchmarks/arostica2025-lv-0a.toml");
+
+    fn parsed() -> BenchmarkFile {
+        toml::from_str(CASE).unwrap()
+    }
+
+    #[test]
+    fn verification_computes_with_what_a_ventricle_of_a_cohort_is_made_of() {
+        let method = Method::of(Path::new("0a.toml"), &parsed(), true).unwrap();
+        // What `organ` takes where nobody says more: the ventricle's own defaults, not those of settings.
+        let steps = StepSettings::default();
+        assert_eq!(
+            method,
+            Method { element: ElementKind::default(), scheme: WallParameters::default().scheme(), steps }
+        );
+        let own = Method::of(Path::new("0a.toml"), &parsed(), false).unwrap();
+        assert_ne!(own, method, "the file asks for another share and other weights");
+    }
+
+    #[test]
+    fn a_files_parts_are_those_of_a_cohort_that_asks_for_the_same() {
+        let mut file = parsed();
+        let settings = FiniteElementSettings { newton_iterations: 20, ..FiniteElementSettings::default() };
+        let equations = EquationSettings { tolerance: 1e-6, ..settings.equations() };
+        file.element = toml::from_str("kind = \"quadratic-nodal\"").unwrap();
+        file.solver.relative_tolerance = equations.tolerance;
+        file.solver.max_iterations = 20;
+        let method = Method::of(Path::new("0a.toml"), &file, false).unwrap();
+        assert_eq!(method.element, ElementKind::QUADRATIC_NODAL);
+        assert_eq!(method.steps, wall::steps(&equations, settings.newton_iterations));
+        // The benchmark's law is the one that a cohort gets by `muscle_law = "holzapfel-ogden"`.
+        let mut wall = settings.wall;
+        wall.muscle_law = cardiotwin_schemas::muscle::MuscleLaw::HolzapfelOgden;
+        let tissue = names::tissue(&file.tissue[0]);
+        assert_eq!(tissue.law, wall::parameters(&wall, 1.0, 0.0).muscle);
+        assert!(matches!(tissue.law, Law::HolzapfelOgden(_)));
+    }
+
+    #[test]
+    fn an_element_is_named_or_told_by_its_parts() {
+        let mut file = parsed();
+        file.element = toml::from_str("kind = \"linear-nodal\"\npointwise_share = 0.1").unwrap();
+        let refused = Method::of(Path::new("0a.toml"), &file, false).unwrap_err().to_string();
+        assert!(refused.contains("element.kind"), "{refused}");
     }
 }

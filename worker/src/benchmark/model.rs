@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use cardiotwin_mechanics::element::batch::Frame;
+use cardiotwin_mechanics::organ::ElementKind;
 use cardiotwin_mechanics::prescribed::{Course, EllipsoidFibres, Problem, SurfaceSupport};
 use cardiotwin_mesh::fibres::{Angles, Longitudinal, fields, rule};
 use cardiotwin_mesh::files;
@@ -59,11 +60,11 @@ impl<'a> Model<'a> {
         Ok(Self { file, parsed, mesh, frame, middles, middle })
     }
 
-    /// The problem of the file.
+    /// The problem of the file on elements of a kind.
     ///
     /// # Errors
     /// [`BenchmarkError`] with the key.
-    pub fn problem(&self) -> Result<Problem<'_>, BenchmarkError> {
+    pub fn problem(&self, kind: ElementKind) -> Result<Problem<'_>, BenchmarkError> {
         let (file, parsed) = (self.file, self.parsed);
         let end_ms = names::end_ms(&parsed.time);
         let course = |key: String, table: &CourseTable| {
@@ -110,7 +111,7 @@ impl<'a> Model<'a> {
         }
         Ok(Problem {
             mesh: &self.mesh,
-            kind: names::element(file, &parsed.element)?,
+            kind,
             middle: &self.middle,
             tissues: parsed.tissue.iter().map(names::tissue).collect(),
             viscosity_kpa_ms: parsed.tissue.iter().map(|t| t.viscosity_kpa_ms).collect(),

@@ -4,18 +4,19 @@ use std::path::Path;
 
 use cardiotwin_mechanics::boundary::RobinDirection;
 use cardiotwin_mechanics::element::kernel::VolumeChange;
-use cardiotwin_mechanics::material::{
-    ActiveConvention, ActiveLaw, Guccione, HolzapfelOgden, Law, NeoHookean, Tissue, Volumetric, VolumetricLaw,
-};
-use cardiotwin_mechanics::newton::LinearSolver;
+use cardiotwin_mechanics::material::{Tissue, Volumetric, VolumetricLaw};
 use cardiotwin_mechanics::organ::ElementKind;
 use cardiotwin_mechanics::prescribed::{Schedule, TimeCourse};
 
+use cardiotwin_schemas::finite_element::WallSettings;
+use cardiotwin_schemas::muscle::{HolzapfelOgdenSettings, MuscleLaw};
+
 use super::error::BenchmarkError;
 use super::file::{
-    Axis, ConventionName, CourseTable, Degree, DirectionName, ElementTable, LinearName, PassiveTable, TimeTable,
-    TissueTable, VolumeName, VolumetricName,
+    Axis, CourseTable, Degree, DirectionName, ElementTable, PassiveTable, TimeTable, TissueTable, VolumeName,
+    VolumetricName,
 };
+use crate::finite_element::wall;
 
 /// 0, 1 or 2.
 pub(super) fn axis(axis: Axis) -> usize {
@@ -27,15 +28,23 @@ pub(super) fn axis(axis: Axis) -> usize {
 }
 
 pub(super) fn element(file: &Path, table: &ElementTable) -> Result<ElementKind, BenchmarkError> {
-    let share = table.pointwise_share;
+    let ElementTable { kind, degree, volume, pointwise_share } = *table;
+    if let Some(kind) = kind {
+        if degree.is_some() || volume.is_some() || pointwise_share.is_some() {
+            let expected = "element.kind alone, or element.degree, element.volume and element.pointwise_share";
+            return Err(BenchmarkError::key(file, "element.kind", "other keys of [element] beside it", expected));
+        }
+        return Ok(wall::element(kind));
+    }
+    let share = pointwise_share.unwrap_or(0.0);
     if !(0.0..=1.0).contains(&share) {
         return Err(BenchmarkError::key(file, "element.pointwise_share", share.to_string(), "a share from 0 to 1"));
     }
-    let volume = match table.volume {
-        VolumeName::Pointwise => VolumeChange::Pointwise,
-        VolumeName::Nodal => VolumeChange::Nodal { pointwise_share: share },
+    let volume = match volume {
+        Some(VolumeName::Pointwise) => VolumeChange::Pointwise,
+        Some(VolumeName::Nodal) | None => VolumeChange::Nodal { pointwise_share: share },
     };
-    Ok(ElementKind { quadratic: table.degree == Degree::Quadratic, volume })
+    Ok(ElementKind { quadratic: degree != Some(Degree::Linear), volume })
 }
 
 pub(super) fn direction(name: DirectionName) -> RobinDirection {
@@ -45,38 +54,33 @@ pub(super) fn direction(name: DirectionName) -> RobinDirection {
     }
 }
 
-pub(super) fn linear(name: LinearName) -> LinearSolver {
-    match name {
-        LinearName::BlockJacobi => LinearSolver::BlockJacobi,
-        LinearName::SymmetricSweep => LinearSolver::SymmetricSweep,
-        LinearName::Direct => LinearSolver::Direct,
-    }
-}
-
+/// Laws and conventions are made as a cohort's are.
 pub(super) fn tissue(table: &TissueTable) -> Tissue {
-    let law = match table.passive {
-        PassiveTable::Guccione { c_kpa, b_f, b_t, b_fs } => Law::Guccione(Guccione { c_kpa, b_f, b_t, b_fs }),
-        PassiveTable::NeoHookean { mu_kpa } => Law::NeoHookean(NeoHookean { mu_kpa }),
-        PassiveTable::HolzapfelOgden { a_kpa, b, a_f_kpa, b_f, a_s_kpa, b_s, a_fs_kpa, b_fs, switch } => {
-            Law::HolzapfelOgden(HolzapfelOgden { a_kpa, b, a_f_kpa, b_f, a_s_kpa, b_s, a_fs_kpa, b_fs, switch })
+    let wall = WallSettings::default();
+    let wall = match table.passive {
+        PassiveTable::Guccione { c_kpa: guccione_c_kpa, b_f, b_t, b_fs } => {
+            WallSettings { muscle_law: MuscleLaw::Guccione, guccione_c_kpa, b_f, b_t, b_fs, ..wall }
         }
+        PassiveTable::NeoHookean { mu_kpa: neo_hookean_mu_kpa } => {
+            WallSettings { muscle_law: MuscleLaw::NeoHookean, neo_hookean_mu_kpa, ..wall }
+        }
+        PassiveTable::HolzapfelOgden { a_kpa, b, a_f_kpa, b_f, a_s_kpa, b_s, a_fs_kpa, b_fs, switch } => WallSettings {
+            muscle_law: MuscleLaw::HolzapfelOgden,
+            holzapfel_ogden: HolzapfelOgdenSettings { a_kpa, b, a_f_kpa, b_f, a_s_kpa, b_s, a_fs_kpa, b_fs, switch },
+            ..wall
+        },
     };
-    let volumetric = match table.volumetric.law {
+    let law = match table.volumetric.law {
         VolumetricName::LnSquared => VolumetricLaw::LnSquared,
         VolumetricName::Quadratic => VolumetricLaw::Quadratic,
         VolumetricName::QuadraticLn => VolumetricLaw::QuadraticLn,
     };
-    let active = table.active.as_ref().map(|a| ActiveLaw {
-        convention: match a.convention {
-            ConventionName::SecondPiola => ActiveConvention::SecondPiola,
-            ConventionName::FirstPiola => ActiveConvention::FirstPiola,
-            ConventionName::PerSquaredStretch => ActiveConvention::PerSquaredStretch,
-        },
-        cross_fibre: a.cross_fibre,
-        sheet_normal: 0.0,
-    });
-    let volumetric = Volumetric { law: volumetric, kappa_kpa: table.volumetric.kappa_kpa };
-    Tissue { law, volumetric, active, density: table.density_mg_per_mm3 }
+    Tissue {
+        law: wall::muscle(&wall),
+        volumetric: Volumetric { law, kappa_kpa: table.volumetric.kappa_kpa },
+        active: table.active.as_ref().map(|a| wall::active(a.convention, a.cross_fibre)),
+        density: table.density_mg_per_mm3,
+    }
 }
 
 pub(super) fn course(table: &CourseTable) -> TimeCourse {

@@ -38,6 +38,17 @@ impl Default for ElementKind {
     }
 }
 
+impl std::fmt::Display for ElementKind {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(if self.quadratic { "quadratic" } else { "linear" })?;
+        match self.volume {
+            VolumeChange::Pointwise => f.write_str(" pointwise"),
+            VolumeChange::Nodal { pointwise_share: 0.0 } => f.write_str(" nodal"),
+            VolumeChange::Nodal { pointwise_share } => write!(f, " nodal ({pointwise_share} pointwise)"),
+        }
+    }
+}
+
 /// Triangles of a surface with three or six nodes.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Triangles {

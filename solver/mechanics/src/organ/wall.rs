@@ -135,6 +135,12 @@ impl WallParameters {
         }
     }
 
+    /// The time integration of its motion.
+    #[must_use]
+    pub fn scheme(&self) -> GeneralisedAlpha {
+        GeneralisedAlpha::with_spectral_radius(self.spectral_radius)
+    }
+
     /// A rank's part of the wall with its unloaded nodes at `unloaded`, without damping, held by springs on the rim
     /// alone: what step 0 works with. Collective.
     ///
@@ -193,7 +199,7 @@ impl WallParameters {
             Tets::Quadratic(tets) => Body::quadratic(&input!(tets), comm.as_ref())?,
         };
         let cavity = self.cavity(anatomy, body.reference(), body.pattern(), comm.as_ref())?;
-        let mut dynamics = Dynamics::new(body, comm, GeneralisedAlpha::with_spectral_radius(self.spectral_radius));
+        let mut dynamics = Dynamics::new(body, comm, self.scheme());
         dynamics.cavity = Some(cavity);
         dynamics.elements.clone_from(&part.elements);
         let mut rest = displacement(&anatomy.nodes, unloaded);
