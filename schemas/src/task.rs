@@ -82,10 +82,10 @@ impl TaskSpec {
     #[must_use]
     pub fn model_version(&self) -> u32 {
         match self {
-            Self::CellFit(_) => 3,
-            Self::Discover(_) | Self::PassiveState(_) | Self::Step1Proposal(_) => 3,
-            Self::OrganBeat(_) => 3,
-            Self::Targets(_) | Self::CellSweep(_) | Self::Noop(_) => 1,
+            Self::PassiveState(_) => 5,
+            Self::CellFit(_) | Self::Discover(_) | Self::OrganBeat(_) | Self::Step1Proposal(_) => 4,
+            Self::Targets(_) | Self::CellSweep(_) => 2,
+            Self::Noop(_) => 1,
         }
     }
 

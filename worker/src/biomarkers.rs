@@ -63,14 +63,16 @@ pub fn remarks(set: &BiomarkerSet) -> Vec<String> {
 fn words(flag: Flag) -> &'static str {
     match flag {
         Flag::PressureRiseNotReached => {
-            "pressure is above its 10 % level from the start: t1 is the beat's first sample"
+            "pressure is above its 10 % level when its upstroke begins: t1 is the upstroke's foot, extended downwards"
         }
         Flag::PressureRiseBeforeBeat => "the 10 % level lies below the pressure at time zero: t1 lies before the beat",
         Flag::PressureFallNotReached => "pressure does not fall to its 10 % level: t3 is the end of the beat",
         Flag::NoPressurePulse => "pressure has no pulse: no rates before and after a peak",
         Flag::NoEjection => "volume does not vary",
         Flag::EjectionTooShort => "ejection has too few samples for tau_VD",
-        Flag::FillingNotRecovered => "volume does not recover to 80 % of the stroke volume: t7 is the end of the beat",
+        Flag::FillingNotRecovered => {
+            "volume does not recover to 80 % of the stroke volume: tau_VR is fitted to the volume recovered"
+        }
         Flag::FillingTooShort => "filling has too few samples for tau_VR",
     }
 }

@@ -4,8 +4,13 @@
 //! levels are crossed by linear interpolation, derivatives are central differences, and the two regressions run from
 //! argument 0.9 to 0.1 of their logarithm. A level that a beat does not reach before its end is taken at its end and
 //! flagged, so that a fixed point can go on from it.
+//!
+//! No biomarker jumps when a trace changes a little: crossings are searched outwards from the half-way point of the limb
+//! that crosses (upstroke, downstroke, ejection, filling), which is taken to be at least as steep as
+//! [`PRESSURE_STEEPNESS_PER_MS`] or [`VOLUME_STEEPNESS_PER_MS`] (see `Cycle::leaves`), and regressions are integrals
+//! over the time between two crossings. `tests/continuity.rs` bounds the change.
 
-use crate::cycle::{Continuation, Cycle};
+use crate::cycle::{Continuation, Crossing, Cycle, Side, Way};
 use crate::resample::{ResampleError, STEP, resample};
 use crate::{Quantity, Trace};
 use cardiotwin_units::{Ml, Mmhg, Ms};
@@ -17,7 +22,14 @@ pub const PRESSURE_LEVEL: f64 = 0.1;
 pub const RECOVERY_LEVEL: f64 = 0.8;
 /// Arguments of the logarithm between which ejection and filling are fitted, dimensionless.
 pub const FIT_WINDOW: [f64; 2] = [0.9, 0.1];
-/// Fraction of the stroke volume within which a sample counts as being at the maximum or minimum, dimensionless: closed
+/// Fraction of the pressure's amplitude per ms that its up- and downstroke have at least around the 10 % level: a tenth
+/// in 50 ms. The cohort `coa-seven` has a tenth in 10 to 24 ms there. Where end-diastolic pressure lies near the level, t1
+/// is the foot of the upstroke extended downwards so steeply, which moves it by 4 ms for a hundredth of the amplitude.
+pub const PRESSURE_STEEPNESS_PER_MS: f64 = 1.0 / 500.0;
+/// Fraction of the stroke volume per ms that ejection and early filling have at least, as above: a tenth in 200 ms, since
+/// both end slowly.
+pub const VOLUME_STEEPNESS_PER_MS: f64 = 1.0 / 2000.0;
+/// Fraction of the stroke volume within which volume counts as being at the maximum or minimum, dimensionless: closed
 /// valves leak hundredths of a millilitre, which would otherwise move t4 to the start of isovolumic contraction.
 const PLATEAU: f64 = 1e-3;
 
@@ -25,10 +37,10 @@ const PLATEAU: f64 = 1e-3;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Flag {
-    /// Pressure was above its 10 % level from the start: t1 is the first sample.
+    /// Pressure is above its 10 % level when its upstroke begins: t1 lies where the foot of the upstroke, extended
+    /// downwards, meets the level.
     PressureRiseNotReached,
-    /// The 10 % level lies below the pressure at time zero of a periodic trace, so that t1 and the beginning of PTD90 lie
-    /// in the diastole before.
+    /// The 10 % level lies below the pressure at time zero, so that t1 and the beginning of PTD90 lie before it.
     PressureRiseBeforeBeat,
     /// Pressure did not fall to its 10 % level: t3 is the end of the beat.
     PressureFallNotReached,
@@ -36,15 +48,18 @@ pub enum Flag {
     NoPressurePulse,
     /// Volume does not vary.
     NoEjection,
-    /// Fewer than two samples lie between 90 and 10 % of the ejected volume: no `tau_VD`.
+    /// Less than a sample's step lies between 90 and 10 % of the ejected volume: no `tau_VD`.
     EjectionTooShort,
-    /// Volume did not recover to 80 % of the stroke volume: t7 is the end of the beat.
+    /// Volume did not recover to 80 % of the stroke volume: t7 lies where filling, extended, would, but at the end of the
+    /// beat at the latest, and `tau_VR` is fitted to the volume that was recovered.
     FillingNotRecovered,
-    /// Fewer than two samples lie in the filling window: no `tau_VR`.
+    /// Less than a sample's step lies in the filling window: no `tau_VR`.
     FillingTooShort,
 }
 
-/// The times of Figure A1, ms from the trace's time zero; a periodic trace's may lie in the cycle before or after.
+/// The times of Figure A1, ms from the trace's time zero; a periodic trace's may lie in the cycle before or after, and a
+/// single beat's t1 before its first sample. Times of extremes (t2, steepest pressures) are for drawings: a flat top moves
+/// them far.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 #[serde(default)]
 pub struct TimePoints {
@@ -57,13 +72,13 @@ pub struct TimePoints {
     /// Downstroke crossing of 10 % of the pressure's amplitude.
     #[serde(rename = "t3_ms", skip_serializing_if = "Option::is_none")]
     pub t3: Option<Ms>,
-    /// Last time at the largest volume before ejection.
+    /// Last time at the largest volume before ejection, to 0.1 % of the stroke volume.
     #[serde(rename = "t4_ms", skip_serializing_if = "Option::is_none")]
     pub t4: Option<Ms>,
-    /// First time at the smallest volume.
+    /// First time at the smallest volume, likewise.
     #[serde(rename = "t5_ms", skip_serializing_if = "Option::is_none")]
     pub t5: Option<Ms>,
-    /// Last time at the smallest volume.
+    /// Last time at the smallest volume, likewise.
     #[serde(rename = "t6_ms", skip_serializing_if = "Option::is_none")]
     pub t6: Option<Ms>,
     /// Time at which 80 % of the stroke volume is recovered.
@@ -204,11 +219,14 @@ impl BiomarkerSet {
             self.flags.push(Flag::NoPressurePulse);
             return;
         }
-        // The beat's time zero lies in diastole, so before and after the peak mean within the beat, wrapped or not.
+        // Half a cycle to either side of a periodic trace's peak holds up- and downstroke wherever its time zero lies, and
+        // leaves out the diastole in which an end and a beginning that do not fit may be joined.
         let last = p.len() as isize - 1;
-        let slopes = |range: std::ops::RangeInclusive<isize>| range.filter_map(|i| p.slope(i).map(|s| (i, s)));
-        let steepest = slopes(0..=peak - 1).max_by(|a, b| a.1.total_cmp(&b.1));
-        let fastest_fall = slopes(peak + 1..=last).min_by(|a, b| a.1.total_cmp(&b.1));
+        let half = p.len() as isize / 2;
+        let [first, end] = if p.is_periodic() { [peak - half, peak + half] } else { [0, last] };
+        let slopes = |range: std::ops::Range<isize>| range.filter_map(|i| p.slope(i).map(|s| (i, s)));
+        let steepest = slopes(first..peak).max_by(|a, b| a.1.total_cmp(&b.1));
+        let fastest_fall = slopes(peak + 1..end + 1).min_by(|a, b| a.1.total_cmp(&b.1));
         self.dpdt_max_mmhg_per_ms = steepest.map(|x| x.1);
         self.dpdt_min_mmhg_per_ms = fastest_fall.map(|x| x.1);
         self.time_points.t_dpdt_max = steepest.map(|x| Ms(p.time(x.0)));
@@ -217,21 +235,26 @@ impl BiomarkerSet {
             self.flags.push(Flag::NoPressurePulse);
         }
 
-        let level = min + PRESSURE_LEVEL * (max - min);
-        let t1 = p.last_rise(level, peak).unwrap_or_else(|| {
+        let level = |fraction: f64| min + fraction * (max - min);
+        let rate = PRESSURE_STEEPNESS_PER_MS * (max - min);
+        let half = level(0.5);
+        let upstroke = p.last_on_limb(peak, Way::Back, Side::Above, half);
+        let downstroke = p.last_on_limb(peak, Way::On, Side::Above, half);
+        let crossing = |anchor, way| p.leaves(anchor, way, Side::Above, level(PRESSURE_LEVEL), rate);
+        let (Some(rise), Some(fall)) = (crossing(upstroke, Way::Back), crossing(downstroke, Way::On)) else { return };
+        if !rise.on_trace {
             self.flags.push(Flag::PressureRiseNotReached);
-            p.time(0)
-        });
-        let t3 = p.first_fall(level, peak).map(|x| x.0).unwrap_or_else(|| {
-            self.flags.push(Flag::PressureFallNotReached);
-            p.time(last)
-        });
-        if t1 < p.time(0) {
+        }
+        if rise.time_ms < p.time(0) {
             self.flags.push(Flag::PressureRiseBeforeBeat);
         }
-        self.time_points.t1 = Some(Ms(t1));
+        let t3 = fall.time_ms.min(p.time(p.highest(peak)));
+        if t3 < fall.time_ms {
+            self.flags.push(Flag::PressureFallNotReached);
+        }
+        self.time_points.t1 = Some(Ms(rise.time_ms));
         self.time_points.t3 = Some(Ms(t3));
-        self.ptd90 = Some(Ms(t3 - t1));
+        self.ptd90 = Some(Ms(t3 - rise.time_ms));
     }
 
     fn add_volume(&mut self, v: &Cycle) {
@@ -246,76 +269,88 @@ impl BiomarkerSet {
             self.flags.push(Flag::NoEjection);
             return;
         }
-        let t5 = self.add_ejection(v, lowest, min, sv);
-        self.add_filling(v, t5, min, sv);
+        self.add_ejection(v, lowest, min, sv);
+        self.add_filling(v, lowest, min, sv);
     }
 
-    /// Regression of ln((V − min V)/SV) on t in ejection; returns the sample of t5.
-    fn add_ejection(&mut self, v: &Cycle, lowest: isize, min: f64, sv: f64) -> isize {
-        let first = v.lowest(lowest);
-        let high = (first..=lowest).map(|i| v.value(i)).fold(min, f64::max);
-        let t4 = (first..=lowest).rev().find(|i| v.value(*i) >= high - PLATEAU * sv).unwrap_or(first);
-        let t5 = (t4..=lowest).find(|i| v.value(*i) <= min + PLATEAU * sv).unwrap_or(lowest);
-        self.time_points.t4 = Some(Ms(v.time(t4)));
-        self.time_points.t5 = Some(Ms(v.time(t5)));
-        let level = |fraction: f64| min + fraction * sv;
+    /// Regression of ln((V − min V)/SV) on t in ejection, the last fall before the smallest volume.
+    fn add_ejection(&mut self, v: &Cycle, lowest: isize, min: f64, sv: f64) {
+        let high = (v.lowest(lowest)..=lowest).map(|i| v.value(i)).fold(min, f64::max) - min;
         // A simulated beat may end fuller than it began: its ejection then starts inside the window.
-        let begin = (t4..=t5).find(|i| v.value(*i) <= level(FIT_WINDOW[0]));
-        let window = begin.and_then(|begin| {
-            let (_, after) = v.first_fall(level(FIT_WINDOW[1]), begin)?;
-            Some(begin..after)
-        });
+        let [upper, lower] = [FIT_WINDOW[0].min(high / sv), FIT_WINDOW[1]];
+        if upper <= lower {
+            self.flags.push(Flag::EjectionTooShort);
+            return;
+        }
+        let after = v.last_on_limb(lowest, Way::Back, Side::Below, min + 0.5 * (upper + lower) * sv);
+        let rate = VOLUME_STEEPNESS_PER_MS * sv;
+        let at = |c: Option<Crossing>| c.map(|c| v.within(c.time_ms));
+        let fullest = |share: f64| at(v.leaves(after, Way::Back, Side::Below, min + share * sv, rate));
+        let emptiest = |share: f64| at(v.leaves(after - 1, Way::On, Side::Above, min + share * sv, rate));
+        self.time_points.t4 = fullest(high / sv - PLATEAU).map(Ms);
+        self.time_points.t5 = emptiest(PLATEAU).map(Ms);
+        let window = fullest(upper).zip(emptiest(lower));
         self.tau_vd = window.and_then(|w| time_constant(v, w, |x| (x - min) / sv));
         if self.tau_vd.is_none() {
             self.flags.push(Flag::EjectionTooShort);
         }
-        t5
     }
 
-    /// Regression of ln(1 − (V − min V)/(V(t7) − min V)) on t in early filling.
-    fn add_filling(&mut self, v: &Cycle, t5: isize, min: f64, sv: f64) {
-        let recovery = v.first_rise(min + RECOVERY_LEVEL * sv, t5);
-        let search_end = recovery.map_or(v.highest(t5), |r| r.1);
-        let t6 = (t5..=search_end).rev().find(|i| v.value(*i) <= min + PLATEAU * sv).unwrap_or(t5);
-        let (t7, recovered) = match recovery {
-            Some((t, _)) => (t, RECOVERY_LEVEL * sv),
-            None => {
-                self.flags.push(Flag::FillingNotRecovered);
-                let end = v.len() as isize - 1;
-                (v.time(end), v.value(end) - min)
-            }
-        };
-        self.time_points.t6 = Some(Ms(v.time(t6)));
-        self.time_points.t7 = Some(Ms(t7));
+    /// Regression of ln(1 − (V − min V)/(V(t7) − min V)) on t in early filling, the first rise after the smallest volume.
+    fn add_filling(&mut self, v: &Cycle, lowest: isize, min: f64, sv: f64) {
+        let most = (lowest..=v.highest(lowest)).map(|i| v.value(i)).fold(min, f64::max) - min;
+        if most < RECOVERY_LEVEL * sv {
+            self.flags.push(Flag::FillingNotRecovered);
+        }
+        let recovered = most.min(RECOVERY_LEVEL * sv);
+        if recovered <= PLATEAU * sv {
+            self.flags.push(Flag::FillingTooShort);
+            return;
+        }
+        let before = v.last_on_limb(lowest, Way::On, Side::Below, min + 0.5 * recovered);
+        let rate = VOLUME_STEEPNESS_PER_MS * sv;
+        let at = |c: Option<Crossing>| c.map(|c| v.within(c.time_ms));
+        let emptiest = |height: f64| at(v.leaves(before + 1, Way::Back, Side::Above, min + height, rate));
+        let fullest = |height: f64| at(v.leaves(before, Way::On, Side::Below, min + height, rate));
+        self.time_points.t6 = emptiest(PLATEAU * sv).map(Ms);
+        self.time_points.t7 = fullest(RECOVERY_LEVEL * sv).map(Ms);
         // 1 − x falls from 0.9 to 0.1 while the recovered fraction x rises from 0.1 to 0.9.
-        let level = |argument: f64| min + (1.0 - argument) * recovered;
-        let window = v.first_rise(level(FIT_WINDOW[0]), t6).and_then(|(_, begin)| {
-            let (_, after) = v.first_rise(level(FIT_WINDOW[1]), begin)?;
-            Some(begin..after)
-        });
-        self.tau_vr = window.and_then(|w| time_constant(v, w, |x| 1.0 - (x - min) / recovered));
+        let [early, late] = FIT_WINDOW.map(|argument| (1.0 - argument) * recovered);
+        self.tau_vr =
+            emptiest(early).zip(fullest(late)).and_then(|w| time_constant(v, w, |x| 1.0 - (x - min) / recovered));
         if self.tau_vr.is_none() {
             self.flags.push(Flag::FillingTooShort);
         }
     }
 }
 
-/// −1/slope of the least-squares line of ln(argument) on time over a window of samples; none where fewer than two
-/// samples or no decay are found.
-fn time_constant(v: &Cycle, window: std::ops::Range<isize>, argument: impl Fn(f64) -> f64) -> Option<Ms> {
-    let points: Vec<(f64, f64)> = window
-        .filter_map(|i| {
-            let x = argument(v.value(i));
-            (x > 0.0).then(|| (v.time(i), x.ln()))
-        })
-        .collect();
-    if points.len() < 2 {
+/// −1/slope of the least-squares line of ln(argument) on time over a window between two times, the logarithm taken as
+/// linear between samples; none where the window is not longer than a sample's step or no decay is found.
+///
+/// An integral, not a sum over the samples inside: a sum jumps when a sample enters the window.
+fn time_constant(v: &Cycle, (begin, end): (f64, f64), argument: impl Fn(f64) -> f64) -> Option<Ms> {
+    if end - begin <= v.usual_step() {
         return None;
     }
-    let n = points.len() as f64;
-    let (mean_t, mean_y) = (points.iter().map(|p| p.0).sum::<f64>() / n, points.iter().map(|p| p.1).sum::<f64>() / n);
-    let covariance: f64 = points.iter().map(|p| (p.0 - mean_t) * (p.1 - mean_y)).sum();
-    let variance: f64 = points.iter().map(|p| (p.0 - mean_t).powi(2)).sum();
+    let inside = v.inside(begin, end).map(|i| (v.time(i), v.value(i)));
+    let knots = std::iter::once((begin, v.at(begin))).chain(inside).chain(std::iter::once((end, v.at(end))));
+    // Times from the window's middle, where the mean time is: the two sums below are then all that is needed.
+    let middle = 0.5 * (begin + end);
+    let mut before: Option<(f64, f64)> = None;
+    let mut covariance = 0.0;
+    for (t, value) in knots {
+        let x = argument(value);
+        if x <= 0.0 {
+            return None;
+        }
+        let (t, y) = (t - middle, x.ln());
+        if let Some((t0, y0)) = before {
+            // ∫ t y dt over a piece on which y is linear.
+            covariance += (t - t0) / 6.0 * (t0 * (2.0 * y0 + y) + t * (y0 + 2.0 * y));
+        }
+        before = Some((t, y));
+    }
+    let variance = (end - begin).powi(3) / 12.0;
     let tau = -variance / covariance;
     (tau.is_finite() && tau > 0.0).then_some(Ms(tau))
 }

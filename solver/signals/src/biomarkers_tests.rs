@@ -54,16 +54,27 @@ fn pressure_biomarkers_of_a_pulse() {
 }
 
 #[test]
-fn an_atrial_kick_above_the_level_begins_before_time_zero() {
-    // The 10 % level of a pulse from 2 to 127 mmHg is 14.5: the end-diastolic 17 mmHg lie above it.
+fn an_atrial_kick_above_the_level_ends_at_the_foot_of_the_upstroke() {
+    // The 10 % level of a pulse from 2 to 127 mmHg is 14.5: the end-diastolic 17 mmHg lie above it, from the kick on.
     let p = |t: f64| if !(210.0..=720.0).contains(&t) { pressure(t) + 9.0 } else { pressure(t) };
     let trace = sampled(Quantity::Pressure, 1.0, |t| if t > 400.0 && t < 700.0 { 2.0 } else { p(t) });
-    let wrapped = BiomarkerSet::of(Some(&trace), None, periodic()).unwrap();
-    assert!(wrapped.time_points.t1.unwrap().0 < 0.0);
-    assert_eq!(wrapped.flags, [Flag::PressureRiseBeforeBeat]);
-    let single = BiomarkerSet::of(Some(&trace), None, Continuation::Single).unwrap();
-    assert_eq!(single.time_points.t1, Some(Ms(0.0)));
-    assert_eq!(single.flags, [Flag::PressureRiseNotReached]);
+    let [wrapped, single] = [periodic(), Continuation::Single]
+        .map(|continuation| BiomarkerSet::of(Some(&trace), None, continuation).unwrap());
+    // 2.5 mmHg at a five-hundredth of 125 mmHg per ms below the foot at 60 ms, which the upstroke leaves a little later.
+    let t1 = wrapped.time_points.t1.unwrap().0;
+    assert!((50.0..56.0).contains(&t1), "{t1}");
+    assert_eq!((single.time_points.t1, single.ptd90), (wrapped.time_points.t1, wrapped.ptd90));
+    assert_eq!([wrapped.flags, single.flags], [[Flag::PressureRiseNotReached], [Flag::PressureRiseNotReached]]);
+}
+
+#[test]
+fn an_upstroke_from_the_first_sample_on_begins_before_the_beat() {
+    let values: Vec<f64> = (0..=400).map(|t| pressure(f64::from(t) + 100.0)).collect();
+    let b =
+        BiomarkerSet::of(Some(&Trace::uniform(Quantity::Pressure, 1.0, values).unwrap()), None, Continuation::Single)
+            .unwrap();
+    assert!(b.time_points.t1.unwrap().0 < 0.0);
+    assert_eq!(b.flags, [Flag::PressureRiseNotReached, Flag::PressureRiseBeforeBeat]);
 }
 
 #[test]
@@ -99,13 +110,14 @@ fn volume_biomarkers_of_known_exponentials() {
 }
 
 #[test]
-fn an_exponential_to_the_window_is_recovered_exactly() {
-    // V − min V = SV e^{−t/τ} down to the last sample, where it jumps to the minimum: the regression is exact.
+fn an_exponential_is_recovered() {
+    // V − min V = SV e^{−t/τ} down to the last sample, where it jumps to the minimum: the regression is exact but
+    // for its two ends, where the crossing is found by linear interpolation.
     let tau = 60.0;
     let v = |t: f64| if t < 200.0 { 50.0 + 70.0 * (-t / tau).exp() } else { 50.0 };
     let b = BiomarkerSet::of(None, Some(&sampled(Quantity::Volume, 1.0, v)), Continuation::Single).unwrap();
-    assert!((b.tau_vd.unwrap().0 - tau).abs() < 1e-9);
-    assert_eq!(b.time_points.t5, Some(Ms(200.0)));
+    assert!((b.tau_vd.unwrap().0 - tau).abs() < 1e-4);
+    assert!((199.0..=200.0).contains(&b.time_points.t5.unwrap().0));
     assert!(b.has(Flag::FillingTooShort));
 }
 
@@ -126,7 +138,7 @@ fn a_beat_that_ends_fuller_than_it_began_still_has_its_ejection() {
     let v = |t: f64| if t < 200.0 { 60.0 + 40.0 * (-t / tau).exp() } else { 60.0 + (t - 200.0) * 0.1 };
     let b = BiomarkerSet::of(None, Some(&sampled(Quantity::Volume, 1.0, v)), Continuation::Single).unwrap();
     assert!(b.edv.unwrap().0 < b.esv.unwrap().0 + 0.9 * b.sv.unwrap().0);
-    assert!((b.tau_vd.unwrap().0 - tau).abs() < 1e-9, "{b:?}");
+    assert!((b.tau_vd.unwrap().0 - tau).abs() < 1e-4, "{b:?}");
 }
 
 #[test]
@@ -184,7 +196,7 @@ proptest! {
     }
 
     #[test]
-    fn shifting_time_of_a_periodic_trace_moves_only_time(shift in 0usize..40) {
+    fn shifting_time_of_a_periodic_trace_moves_only_time(shift in 0usize..800) {
         let p = sampled(Quantity::Pressure, 1.0, pressure);
         let v = sampled(Quantity::Volume, 1.0, |t| volume(t, 70.0, 45.0));
         let rotate = |t: &Trace| {
@@ -198,7 +210,8 @@ proptest! {
         prop_assert!((a.tau_vd.unwrap().0 - b.tau_vd.unwrap().0).abs() < 1e-9);
         prop_assert!((a.tau_vr.unwrap().0 - b.tau_vr.unwrap().0).abs() < 1e-9);
         prop_assert_eq!(a.dpdt_max_mmhg_per_ms, b.dpdt_max_mmhg_per_ms);
-        let (ta, tb) = (a.time_points.t1.unwrap().0, b.time_points.t1.unwrap().0);
-        prop_assert!((ta - tb - shift as f64).abs() < 1e-9);
+        prop_assert_eq!(a.dpdt_min_mmhg_per_ms, b.dpdt_min_mmhg_per_ms);
+        let moved = (a.time_points.t1.unwrap().0 - b.time_points.t1.unwrap().0 - shift as f64) / CYCLE_MS;
+        prop_assert!((moved - moved.round()).abs() < 1e-9);
     }
 }

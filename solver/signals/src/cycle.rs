@@ -33,6 +33,33 @@ impl Continuation {
     }
 }
 
+/// Which way a search goes in time.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Way {
+    /// To earlier times.
+    Back,
+    /// To later times.
+    On,
+}
+
+/// On which side of a level a limb lies.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Side {
+    /// Larger than the level.
+    Above,
+    /// Smaller than the level.
+    Below,
+}
+
+/// Where a limb leaves a level.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Crossing {
+    /// Its time, ms; it may lie beyond the ends of a single beat.
+    pub(crate) time_ms: f64,
+    /// Whether the trace itself crosses there, not the limb's extension.
+    pub(crate) on_trace: bool,
+}
+
 /// Samples with indices that run beyond both ends when the trace is periodic.
 #[derive(Clone, Copy)]
 pub(crate) struct Cycle<'a> {
@@ -117,45 +144,98 @@ impl<'a> Cycle<'a> {
         best as isize
     }
 
-    /// Time of the last crossing of `level` from below at or before sample `before`, by linear interpolation.
-    pub(crate) fn last_rise(&self, level: f64, before: isize) -> Option<f64> {
-        let lowest = self.lowest(before);
-        let mut i = before;
-        while i > lowest {
-            if self.value(i - 1) < level && self.value(i) >= level {
-                return Some(self.interpolate(i - 1, level));
-            }
-            i -= 1;
+    /// Where the limb that holds sample `anchor` leaves the level, going back or on from there, continuous in the trace.
+    ///
+    /// The literal crossing jumps where the trace only touches the level: a foot that lies a hair above it sends the
+    /// search on to the beat's end. So the limb is taken to be at least as steep as `rate`: with the height
+    /// h(s) = ±(value − level), positive at the anchor, the crossing going back is
+    /// `max {t : h(s) ≤ rate · (s − t) for some s from t to the anchor}`. A limb steeper than `rate` gives the literal
+    /// crossing, bit for bit; otherwise its foot is extended with `rate`. The right-hand side grows with slope `rate`, so
+    /// values and level moved by ε and δ move the crossing by at most (ε + δ)/`rate`.
+    /// - `rate`: value per ms, positive
+    ///
+    /// None where the anchor is not above the level (below it on [`Side::Below`]).
+    pub(crate) fn leaves(&self, anchor: isize, way: Way, side: Side, level: f64, rate: f64) -> Option<Crossing> {
+        let (step, last) = match way {
+            Way::Back => (-1, self.lowest(anchor)),
+            Way::On => (1, self.highest(anchor)),
+        };
+        let height = |i: isize| match side {
+            Side::Above => self.value(i) - level,
+            Side::Below => level - self.value(i),
+        };
+        if height(anchor) <= 0.0 {
+            return None;
         }
-        None
+        let forward = |t: f64| step as f64 * t;
+        let mut nearest = Crossing { time_ms: forward(f64::INFINITY), on_trace: false };
+        let mut i = anchor;
+        loop {
+            let h = height(i);
+            let found = if h <= 0.0 {
+                Crossing { time_ms: self.interpolate(i.min(i - step), level), on_trace: true }
+            } else {
+                Crossing { time_ms: self.time(i) + forward(h / rate), on_trace: false }
+            };
+            // At a tie the trace itself meets the level.
+            if forward(found.time_ms) <= forward(nearest.time_ms) {
+                nearest = found;
+            }
+            if h <= 0.0 || i == last || forward(self.time(i)) >= forward(nearest.time_ms) {
+                return Some(nearest);
+            }
+            i += step;
+        }
     }
 
-    /// Time of the first crossing of `level` from above at or after sample `after`, by linear interpolation,
-    /// together with the first sample at or below it.
-    pub(crate) fn first_fall(&self, level: f64, after: isize) -> Option<(f64, isize)> {
-        let highest = self.highest(after);
-        let mut i = after;
-        while i < highest {
-            if self.value(i) > level && self.value(i + 1) <= level {
-                return Some((self.interpolate(i, level), i + 1));
+    /// The last sample that lies on a side of a level, going back or on from `start`; `start` itself at the least. The end
+    /// of the search is one cycle away, or the beat's end.
+    pub(crate) fn last_on_limb(&self, start: isize, way: Way, side: Side, level: f64) -> isize {
+        let (step, last) = match way {
+            Way::Back => (-1, self.lowest(start)),
+            Way::On => (1, self.highest(start)),
+        };
+        let mut i = start;
+        while i != last {
+            let next = self.value(i + step);
+            if (side == Side::Above && next <= level) || (side == Side::Below && next >= level) {
+                break;
             }
-            i += 1;
+            i += step;
         }
-        None
+        i
     }
 
-    /// Time of the first crossing of `level` from below at or after sample `after`, by linear interpolation,
-    /// together with the first sample at or above it.
-    pub(crate) fn first_rise(&self, level: f64, after: isize) -> Option<(f64, isize)> {
-        let highest = self.highest(after);
-        let mut i = after;
-        while i < highest {
-            if self.value(i) < level && self.value(i + 1) >= level {
-                return Some((self.interpolate(i, level), i + 1));
-            }
-            i += 1;
+    /// A time cut to a single beat; any time of a periodic trace.
+    pub(crate) fn within(&self, time_ms: f64) -> f64 {
+        if self.is_periodic() { time_ms } else { time_ms.clamp(self.time(0), self.time(self.len() as isize - 1)) }
+    }
+
+    /// Indices of the samples strictly between two times.
+    pub(crate) fn inside(&self, begin_ms: f64, end_ms: f64) -> impl Iterator<Item = isize> + use<'a> {
+        let this = *self;
+        let first =
+            this.len() as isize * this.period_ms.map_or(0, |p| ((begin_ms - this.time_ms[0]) / p).floor() as isize);
+        let last = if this.is_periodic() { isize::MAX } else { this.len() as isize };
+        (first..last).skip_while(move |i| this.time(*i) <= begin_ms).take_while(move |i| this.time(*i) < end_ms)
+    }
+
+    /// Mean time between samples, ms.
+    pub(crate) fn usual_step(&self) -> f64 {
+        (self.time_ms[self.len() - 1] - self.time_ms[0]) / (self.len() as f64 - 1.0).max(1.0)
+    }
+
+    /// Value at a time by linear interpolation; a single beat's first or last value beyond its ends.
+    pub(crate) fn at(&self, time_ms: f64) -> f64 {
+        let n = self.len() as isize;
+        let cycles = self.period_ms.map_or(0.0, |period| ((time_ms - self.time_ms[0]) / period).floor());
+        let within = time_ms - cycles * self.period_ms.unwrap_or(0.0);
+        let i = self.time_ms.partition_point(|t| *t <= within) as isize - 1;
+        if !self.is_periodic() && (i < 0 || i + 1 >= n) {
+            return self.value(i.clamp(0, n - 1));
         }
-        None
+        let (t0, t1) = (self.time(i), self.time(i + 1));
+        self.value(i) + (self.value(i + 1) - self.value(i)) * (within - t0) / (t1 - t0)
     }
 
     fn interpolate(&self, i: isize, level: f64) -> f64 {
@@ -172,13 +252,34 @@ mod tests {
     #[test]
     fn a_single_beat_ends_and_a_periodic_one_goes_on() {
         let (t, v) = ([0.0, 1.0, 2.0, 3.0], [2.0, 3.0, 1.5, 1.4]);
+        let back = |c: &Cycle| c.leaves(1, Way::Back, Side::Above, 1.8, 0.5).unwrap();
         let single = Cycle::new(&t, &v, Continuation::Single);
-        assert_eq!(single.last_rise(1.8, 1), None);
+        // From (0, 2.0) down to 1.8 at a rate of 0.5.
+        assert_eq!(back(&single), Crossing { time_ms: -0.3999999999999999, on_trace: false });
         assert_eq!(single.slope(0), None);
+        assert_eq!((single.at(-5.0), single.at(0.5), single.at(9.0)), (2.0, 2.5, 1.4));
         let periodic = Cycle::new(&t, &v, Continuation::periodic(Ms(4.0)));
         // Between the last sample (3, 1.4) of the beat before and the first (4, 2.0) of this one, one period earlier.
-        assert!((periodic.last_rise(1.8, 1).unwrap() - (-1.0 + 0.4 / 0.6)).abs() < 1e-12);
+        let crossing = back(&periodic);
+        assert!((crossing.time_ms - (-1.0 + 0.4 / 0.6)).abs() < 1e-12 && crossing.on_trace);
         assert!((periodic.slope(0).unwrap() - (3.0 - 1.4) / 2.0).abs() < 1e-12);
+        assert!((periodic.at(-0.5) - 1.7).abs() < 1e-12 && (periodic.at(7.5) - 1.7).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_limb_that_only_touches_the_level_is_left_at_its_foot() {
+        // Flat at 1 up to 3 ms, then 1 per ms: a level of 1 ± a hair is left near 3 ms, not at the beginning.
+        let t: Vec<f64> = (0..10).map(f64::from).collect();
+        let v: Vec<f64> = t.iter().map(|t| 1.0 + (t - 3.0).max(0.0)).collect();
+        let cycle = Cycle::new(&t, &v, Continuation::Single);
+        let at = |level: f64| cycle.leaves(9, Way::Back, Side::Above, level, 0.1).unwrap().time_ms;
+        assert!((at(1.001) - 3.001).abs() < 1e-9 && (at(0.999) - 2.99).abs() < 1e-9, "{} {}", at(1.001), at(0.999));
+        // Mirrored in value and in time.
+        let fall: Vec<f64> = v.iter().rev().map(|v| -v).collect();
+        let cycle = Cycle::new(&t, &fall, Continuation::Single);
+        let on = cycle.leaves(0, Way::On, Side::Below, -0.999, 0.1).unwrap();
+        assert!((on.time_ms - 6.01).abs() < 1e-9 && !on.on_trace);
+        assert_eq!(cycle.leaves(9, Way::On, Side::Below, -1.0, 0.1), None);
     }
 
     #[test]

@@ -3,8 +3,8 @@
 
 use cardiotwin_signals::checks::{Measured, MeasuredVolume, Source, check};
 use cardiotwin_signals::{
-    ActiveStressBiomarkers, BiomarkerSet, CalciumDurations, Continuation, Problem, Quantity, Trace, active_stress,
-    read_trace,
+    ActiveStressBiomarkers, BiomarkerSet, CalciumDurations, Continuation, Flag, Problem, Quantity, Trace,
+    active_stress, read_trace,
 };
 use cardiotwin_units::{MicroMolar, Ml, Mmhg, Ms};
 use std::path::{Path, PathBuf};
@@ -108,6 +108,136 @@ fn coa_seven_has_the_clinical_biomarkers_of_table_2() {
         }
         assert!(b.flags.is_empty(), "{id}: {:?}", b.flags);
         assert!((20.0..150.0).contains(&b.tau_vd.unwrap().0) && (20.0..150.0).contains(&b.tau_vr.unwrap().0), "{id}");
+    }
+}
+
+/// P_max, dP/dt_max, dP/dt_min, t1, t3, PTD90, SV, tau_VD, tau_VR by the literal definitions: first and last crossings,
+/// regressions as sums over the 1 ms samples within their window. Computed at commit 531ec84 by `BiomarkerSet::of`.
+const LITERAL: [(&str, [f64; 9]); 7] = [
+    (
+        "01-CoA",
+        [
+            119.0,
+            2.7,
+            -2.9,
+            37.91302785265,
+            346.91288461538,
+            308.99985676273,
+            100.16204303104,
+            83.77782990393,
+            67.8916179495,
+        ],
+    ),
+    (
+        "02-CoA",
+        [
+            105.0,
+            1.3,
+            -1.5,
+            42.32098039216,
+            494.31951923077,
+            451.99853883861,
+            115.05754841778,
+            110.56851916101,
+            115.39115957528,
+        ],
+    ),
+    (
+        "03-CoA",
+        [
+            121.0,
+            1.9,
+            -1.2,
+            39.07957746479,
+            489.07983193277,
+            450.00025446798,
+            46.01586660957,
+            88.25438949619,
+            43.91069045973,
+        ],
+    ),
+    (
+        "04-CoA",
+        [
+            129.0,
+            3.6,
+            -3.1,
+            35.78263327948,
+            325.78327929597,
+            290.00064601649,
+            68.1147962451,
+            74.28642320737,
+            47.40927330323,
+        ],
+    ),
+    (
+        "05-CoA",
+        [
+            133.0,
+            2.7,
+            -2.3,
+            38.49197080292,
+            347.49142141515,
+            308.99945061223,
+            92.04680493687,
+            77.93332120474,
+            58.90794547099,
+        ],
+    ),
+    (
+        "06-CoA",
+        [
+            152.0,
+            3.2,
+            -2.7,
+            37.6414516129,
+            369.64076029567,
+            331.99930868277,
+            100.06756855172,
+            82.37584554887,
+            59.10388072498,
+        ],
+    ),
+    (
+        "07-CoA",
+        [
+            110.0,
+            1.2,
+            -1.2,
+            43.8011682243,
+            455.80131736527,
+            412.00014914097,
+            55.018831997,
+            84.05456746946,
+            55.31543232322,
+        ],
+    ),
+];
+
+#[test]
+fn the_continuous_definitions_agree_with_the_literal_ones_on_coa_seven() {
+    for (id, literal) in LITERAL {
+        let b = coa(id).biomarkers();
+        let t = b.time_points;
+        let [p_max, t1, t3, ptd90] = [b.p_max.unwrap().0, t.t1.unwrap().0, t.t3.unwrap().0, b.ptd90.unwrap().0];
+        let rates = [b.dpdt_max_mmhg_per_ms.unwrap(), b.dpdt_min_mmhg_per_ms.unwrap()];
+        let ours =
+            [p_max, rates[0], rates[1], t1, t3, ptd90, b.sv.unwrap().0, b.tau_vd.unwrap().0, b.tau_vr.unwrap().0];
+        // Time constants are integrals for sums, which jump by up to so much when a sample enters the window.
+        let tolerances = [1e-9; 7].into_iter().chain([4e-3; 2]);
+        for (k, ((ours, literal), tolerance)) in ours.into_iter().zip(literal).zip(tolerances).enumerate() {
+            assert!((ours - literal).abs() <= tolerance * literal.abs().max(1.0), "{id}, value {k}: {ours} {literal}");
+        }
+    }
+}
+
+/// A kick above the level, or a pressure with an offset, sent t1 to the diastole before: 472 and 620 ms.
+#[test]
+fn an_end_diastolic_pressure_above_the_level_begins_at_the_upstroke() {
+    for (id, ptd90) in [("dev-008", 330.2), ("dev-025", 308.8)] {
+        let b = Patient::read(data("hidden-effects").join(id)).biomarkers();
+        assert!((b.ptd90.unwrap().0 - ptd90).abs() < 0.1, "{id}: {b:?}");
+        assert!(b.has(Flag::PressureRiseNotReached), "{id}: {b:?}");
     }
 }
 
