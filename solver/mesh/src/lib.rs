@@ -13,6 +13,7 @@ pub mod ellipsoid;
 pub mod fibres;
 pub mod files;
 pub mod find_surfaces;
+pub mod intake;
 pub mod joint;
 pub mod laplace;
 pub mod order;
