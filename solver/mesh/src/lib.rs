@@ -15,15 +15,18 @@ pub mod files;
 pub mod find_surfaces;
 pub mod intake;
 pub mod joint;
+pub mod landmarks;
 pub mod laplace;
 pub mod order;
 pub mod partition;
 pub mod quality;
 pub mod refine;
+pub mod repair;
 pub mod surface;
 #[cfg(test)]
 mod test_meshes;
 pub mod tet_mesh;
+pub mod transfer;
 pub mod vec3;
 
 pub use adjacency::Adjacency;
