@@ -251,7 +251,7 @@ pub enum MeshFibres {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct OwnMesh {
-    /// The mesh's files; the first one's ending says of which format: `.pts`, `.vtu` or `.msh`.
+    /// The mesh's files; the first one's ending says of which format: `.pts`, `.vtu`, `.msh` or `.mesh`.
     pub files: Vec<InputFile>,
     /// Unit of its coordinates: um, mm, cm or m.
     pub unit: String,
