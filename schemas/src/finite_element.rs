@@ -133,10 +133,10 @@ impl Default for WallSettings {
             density_g_per_mm3: 1.06e-3,
             mass_damping_per_ms: 0.1,
             stiffness_damping_ms: 0.1,
-            epicardial_spring_kpa_per_mm: 1.0,
-            epicardial_dashpot_kpa_ms_per_mm: 0.0,
+            epicardial_spring_kpa_per_mm: 0.2,
+            epicardial_dashpot_kpa_ms_per_mm: 5.0,
             epicardial_base_share: 0.2,
-            rim_spring_kpa_per_mm: 0.1,
+            rim_spring_kpa_per_mm: 0.05,
             rim_dashpot_kpa_ms_per_mm: 0.0,
             spectral_radius: 0.0,
         }
@@ -317,7 +317,7 @@ pub enum MeshFibres {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct OwnMesh {
-    /// The mesh's files; the first one's ending says of which format: `.pts`, `.vtu` or `.msh`.
+    /// The mesh's files; the first one's ending says of which format: `.pts`, `.vtu`, `.msh` or `.mesh`.
     pub files: Vec<InputFile>,
     /// Unit of its coordinates: um, mm, cm or m.
     pub unit: String,

@@ -152,7 +152,7 @@ pub struct Anatomy {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PatientMesh {
-    /// Stem of CARP files (`heart` for `heart.pts`, `heart.elem`, `heart.lon`, `heart.NAME.surf`), or a `.vtu` or `.msh` file;
+    /// Stem of CARP files (`heart` for `heart.pts`, `heart.elem`, `heart.lon`, `heart.NAME.surf`), or a `.vtu`, `.msh` or `.mesh` file;
     /// relative to `patient.toml`. Surfaces `endocardium`, `epicardium`, `rim` and `septum` are taken where the mesh has them,
     /// else found.
     pub file: String,

@@ -70,8 +70,8 @@ pub const CRATES: &[Rule] = &[
     },
     Rule {
         who: "coordinator",
-        may: &["schemas", "units", "signals", "recordings", "calibrate", "slurm"],
-        why: "decides and keeps books, never simulates: it builds where MPI is absent and stays small",
+        may: &["schemas", "units", "signals", "recordings", "mesh", "calibrate", "slurm"],
+        why: "decides and keeps books, never simulates: it builds where MPI is absent and stays small; meshes are checked and mended, not computed with",
     },
     Rule {
         who: "slurm",
@@ -101,8 +101,8 @@ pub const ROOMS: &[Rule] = &[
     Rule { who: "store", may: &["schemas", "machine", "clock"], why: "SQL in one place" },
     Rule {
         who: "input",
-        may: &["schemas", "signals", "recordings", "units"],
-        why: "`check` needs no engine and no store",
+        may: &["schemas", "signals", "recordings", "mesh", "units"],
+        why: "`check` needs no engine and no store, and looks at meshes with step 0's own function",
     },
     Rule {
         who: "results",
@@ -145,6 +145,7 @@ pub const ROOMS: &[Rule] = &[
             "schemas",
             "signals",
             "recordings",
+            "mesh",
             "units",
             "calibrate",
             "clock",

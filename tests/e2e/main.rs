@@ -12,6 +12,7 @@ mod finite_element;
 mod fits;
 mod housekeeping;
 mod launcher;
+mod mesh;
 mod notices;
 mod output;
 mod prepare;

@@ -185,7 +185,11 @@ fn what_is_wrong_with_a_file_is_said_with_its_key() {
         ("law = \"neo-hookean\"", "law = \"hooke\"", ["unknown variant `hooke`", "case.toml"]),
         ("dt_ms = 2.0", "dt = 2.0", ["unknown field `dt`", "docs/benchmark-runner.md"]),
         ("file = \"cube\"", "file = \"cub\"", ["mesh.file", "cub.pts"]),
-        ("at_mm = [5.0, 5.0, 10.0]", "at_mm = [5.0, 5.0, 30.0]", ["probe 0 at (5.000, 5.000, 30.000) mm", "outside"]),
+        (
+            "at_mm = [5.0, 5.0, 10.0]",
+            "at_mm = [5.0, 5.0, 30.0]",
+            ["probe \"top\": at_mm: found (5.000, 5.000, 30.000) mm", "outside"],
+        ),
         ("mu_kPa = 10.0", "mu_kPa = -1.0", ["mu_kPa = -1", "case.toml"]),
     ] {
         let text = error(from, to);

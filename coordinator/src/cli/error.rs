@@ -2,11 +2,14 @@
 
 use std::path::PathBuf;
 
+use cardiotwin_mesh::MeshFileError;
+
 use crate::discovery::overlay::OverlayError;
 use crate::engine::{EngineError, LockError, StoreError};
 use crate::results::WriteError;
 use crate::sweep::SweepError;
 
+use super::commands::mesh::{MeshFileCommandError, MmgError};
 use super::exit::Exit;
 
 /// A command could not do what it was asked.
@@ -48,6 +51,12 @@ pub enum CliError {
         /// How many, in words.
         errors: String,
     },
+    /// A mesh that cannot be read, mended or written.
+    #[error(transparent)]
+    Mesh(Box<MeshFileCommandError>),
+    /// Meshing anew.
+    #[error(transparent)]
+    Mmg(MmgError),
     /// Arguments that contradict each other or name nothing.
     #[error("{0}")]
     Usage(String),
@@ -107,7 +116,15 @@ impl CliError {
             Self::Overlay(OverlayError::NothingAccepted { .. }) => Exit::Usage,
             Self::Overlay(OverlayError::Format { .. }) => Exit::Input,
             Self::Simulation { .. } => Exit::Problems,
+            Self::Mesh(error) => match error.as_ref() {
+                MeshFileCommandError::Exists { .. } => Exit::Usage,
+                MeshFileCommandError::Repair { .. } => Exit::Input,
+                MeshFileCommandError::File(MeshFileError::Write { .. } | MeshFileError::Read { .. }) => Exit::System,
+                MeshFileCommandError::File(_) => Exit::Input,
+            },
+            Self::Mmg(MmgError::Failed { .. }) => Exit::Problems,
             Self::Engine(_)
+            | Self::Mmg(_)
             | Self::Overlay(_)
             | Self::Report(_)
             | Self::Export(_)

@@ -29,7 +29,8 @@ pub use exit::Exit;
 
 use commands::{
     advance, backup, bench, cancel, check, compare, completions, config, discover, doctor, drive, explain, export, fit,
-    housekeeping, init, logs, man, plan, prepare, report, rerun, retry, run, schemas, show, simulate, status, sweep,
+    housekeeping, init, logs, man, mesh, plan, prepare, report, rerun, retry, run, schemas, show, simulate, status,
+    sweep,
 };
 use logging::LogFormat;
 use talk::{ColourChoice, Talk};
@@ -66,6 +67,7 @@ enum Command {
     Init(init::InitArgs),
     Prepare(prepare::PrepareArgs),
     Check(check::CheckArgs),
+    Mesh(mesh::MeshArgs),
     Config(config::ConfigArgs),
     Run(run::RunArgs),
     Plan(plan::PlanArgs),
@@ -131,6 +133,7 @@ async fn execute(command: &Command, talk: &Talk) -> Result<Exit, CliError> {
         Command::Init(args) => init::execute(args, talk),
         Command::Prepare(args) => prepare::execute(args, talk),
         Command::Check(args) => check::execute(args, talk),
+        Command::Mesh(args) => mesh::execute(args, talk),
         Command::Config(args) => config::execute(args, talk).await,
         Command::Run(args) => run::execute(args, talk).await,
         Command::Plan(args) => plan::execute(args, talk).await,

@@ -39,7 +39,7 @@ pub struct Folders {
 }
 
 /// File that tells a run's folder.
-const DATABASE: &str = "cardiotwin.db";
+pub const DATABASE: &str = "cardiotwin.db";
 /// File that tells a cohort's folder.
 const COHORT: &str = "cohort.toml";
 

@@ -7,7 +7,7 @@ use cardiotwin_schemas::cohort::CohortFile;
 use cardiotwin_schemas::overlay::ModelOverlay;
 use cardiotwin_schemas::patient::PatientFile;
 use cardiotwin_schemas::plan::ResolvedPatient;
-use cardiotwin_schemas::settings::Settings;
+use cardiotwin_schemas::settings::{Fidelity, Settings};
 use cardiotwin_signals::Problem;
 use serde::de::DeserializeOwned;
 use serde_json::Value;
@@ -16,7 +16,7 @@ use super::document::Document;
 use super::layers::{COMMAND_LINE, Layer, Merged, Origin, RERUN, line_of, lines};
 use super::nearest::nearest;
 use super::report::Report;
-use super::{data, patient, ranges, resolve, shape};
+use super::{data, mesh, patient, ranges, resolve, shape};
 
 /// What is asked for beyond the files.
 #[derive(Debug, Clone, Default)]
@@ -27,6 +27,8 @@ pub struct Options {
     pub overrides: BTreeMap<String, Value>,
     /// `key=value` of the command line.
     pub set: Vec<String>,
+    /// Whether patients' own meshes are read and looked at, which takes seconds where they are large.
+    pub meshes: bool,
 }
 
 /// A cohort that was read.
@@ -103,7 +105,14 @@ pub fn load(directory: &Path, options: &Options, report: &mut Report) -> Option<
     for (id, folder) in folders.iter().filter(|(id, _)| options.only.is_empty() || options.only.contains(id)) {
         let overrides = options.overrides.get(id).map(|value| Layer::from_rerun(value, id, report));
         let cohort = &cohort_layer;
-        let layers = Layers { defaults: &defaults, cohort, overrides, command_line: &command_line, folder: directory };
+        let layers = Layers {
+            defaults: &defaults,
+            cohort,
+            overrides,
+            command_line: &command_line,
+            folder: directory,
+            meshes: options.meshes,
+        };
         patients.extend(load_patient(id, folder, &file, layers, report));
     }
     same_ids(&patients, report);
@@ -137,7 +146,14 @@ pub fn load_alone(folder: &Path, report: &mut Report) -> Option<Patient> {
     };
     let nothing = Layer::default();
     let defaults = Layer::defaults();
-    let layers = Layers { defaults: &defaults, cohort: &nothing, overrides: None, command_line: &nothing, folder };
+    let layers = Layers {
+        defaults: &defaults,
+        cohort: &nothing,
+        overrides: None,
+        command_line: &nothing,
+        folder,
+        meshes: false,
+    };
     load_patient(&id, folder, &file, layers, report).map(|(patient, _)| patient)
 }
 
@@ -148,6 +164,8 @@ struct Layers<'a> {
     command_line: &'a Layer,
     /// The cohort's.
     folder: &'a Path,
+    /// See [`Options::meshes`].
+    meshes: bool,
 }
 
 /// A patient, and the id that stands in its file.
@@ -168,6 +186,9 @@ fn load_patient(
     complain(&settings, Some((id, &document)), report);
     patient::check_completeness(&file, &settings.settings, &document, report);
     data::check(&file, folder, &document, &cohort.defaults, report);
+    if layers.meshes && settings.settings.solver.fidelity == Fidelity::FiniteElement {
+        mesh::check(&file, folder, settings.settings.solver.start, &document, report);
+    }
     let overlay = overlay(id, folder, report);
     let resolved = if report.has_error_of(id) {
         None

@@ -156,11 +156,11 @@ impl Values<'_> {
         let folder = self.document.file.parent().map(Path::to_owned).unwrap_or_default();
         let ending = Path::new(&mesh.file).extension().and_then(|e| e.to_str()).unwrap_or_default();
         let names = match ending {
-            "vtu" | "msh" => vec![mesh.file.clone()],
+            "vtu" | "msh" | "mesh" => vec![mesh.file.clone()],
             _ => vec![format!("{}.pts", mesh.file), format!("{}.elem", mesh.file)],
         };
         for name in names.iter().filter(|name| !folder.join(name).is_file()) {
-            let expected = "the stem of CARP files, or a .vtu or .msh file, beside patient.toml";
+            let expected = "the stem of CARP files, or a .vtu, .msh or .mesh file, beside patient.toml";
             self.add(
                 "anatomy.mesh.file",
                 format!("no file {name:?}"),

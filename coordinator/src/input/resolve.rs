@@ -82,7 +82,7 @@ pub fn resolve(
 /// A patient's own mesh by the contents of its files.
 fn own_mesh(mesh: &PatientMesh, folder: &Path, patient: &str, report: &mut Report) -> Option<OwnMesh> {
     let at = folder.join(&mesh.file);
-    let one_file = ["vtu", "msh"].contains(&at.extension().and_then(|e| e.to_str()).unwrap_or_default());
+    let one_file = ["vtu", "msh", "mesh"].contains(&at.extension().and_then(|e| e.to_str()).unwrap_or_default());
     let mut paths = vec![];
     if one_file {
         paths.push(at);

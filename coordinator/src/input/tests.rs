@@ -99,6 +99,7 @@ fn settings_are_layered_per_patient_and_keep_their_origin() {
         overrides: [("P2".to_owned(), serde_json::json!({"step1": {"damping": 0.5}}))].into(),
         set: vec!["step1.tolerance=0.05".into(), "step1.damping=0.95".into()],
         only: Vec::new(),
+        meshes: false,
     };
     let (cohort, said) = folder.load(&options);
     assert_eq!(said, Vec::<String>::new());

@@ -68,7 +68,7 @@ fn tension(squared_stretch: f64) -> (f64, f64) {
 /// product, for muscle of this convention in motion: displacement, velocity and acceleration are `wave`s of these sizes. Beside it
 /// the largest strain of the damping's time, to first order: the difference of two velocities over a cell's edge, times τ.
 fn error_of_the_active_tangent(convention: ActiveConvention, wave: impl Fn(f64, f64) -> Vec<f64>) -> (f64, f64) {
-    let law = ActiveLaw { convention, cross_fibre: 0.0 };
+    let law = ActiveLaw { convention, cross_fibre: 0.0, sheet_normal: 0.0 };
     let dynamics = block_of_muscle(0.3, Rayleigh { mass_per_ms: 0.2, stiffness_ms: 0.3 }, 3.0, Some(law));
     let n = dynamics.body.reference().len();
     let mut now = at_rest(&dynamics);

@@ -1,21 +1,33 @@
-//! Whether a mesh can be computed with: every defect at once, each with where, what and what to do.
+//! Whether a mesh can be computed with: every defect at once, each with its places, what was expected and what to do.
 
-use crate::cavity::Cavity;
+mod defect;
+mod surfaces;
+#[cfg(test)]
+mod tests;
+
+pub use defect::{Defect, Item, Place, Severity, Tangle};
+pub(crate) use surfaces::same_turn;
+
+use crate::adjacency::Adjacency;
 use crate::files::LengthUnit;
 use crate::find_surfaces::Groups;
 use crate::quality::mean_ratio;
-use crate::surface::{SurfaceDefect, boundary, openings, sorted};
-use crate::tet_mesh::{FACES, TetMesh, surface_names};
-use crate::vec3::{norm, sub};
+use crate::surface::{boundary, sorted};
+use crate::tet_mesh::{FACES, TetMesh};
+use crate::vec3::{Vec3, add, norm, scale, sub};
 use cardiotwin_units::Ml;
-use std::collections::{BTreeMap, BTreeSet, HashMap};
+use std::collections::{BTreeMap, HashMap};
 
-/// Mean ratio below which an element is degenerate.
+/// Mean ratio below which an element is flat.
 pub const DEGENERATE: f64 = 0.02;
+/// Mean ratio below which an element is badly shaped: it can be computed with, at the price of short steps.
+pub const POOR_WARNING: f64 = 0.1;
 /// Largest extent of a left ventricle, mm: from a mouse's to a dilated human one with its aortic root.
 pub const EXTENT_MM: std::ops::RangeInclusive<f64> = 3.0..=400.0;
 /// How far a fibre's length may be from one.
 const UNIT_TOLERANCE: f64 = 1e-3;
+/// Nodes nearer to each other than this share of the mean edge are doubled.
+pub(crate) const DOUBLED: f64 = 1e-4;
 
 /// What a mesh is to be checked against.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -26,112 +38,54 @@ pub struct Expected<'a> {
     pub fibres: bool,
     /// Surfaces that have to be there.
     pub surfaces: &'a [&'a str],
+    /// Why surfaces that are missing could not be found on the mesh, where that was tried.
+    pub surfaces_not_found: Option<String>,
     /// Measured volume of the cavity and the relative difference that is accepted.
     pub cavity: Option<(Ml, f64)>,
+    /// Stated volume of the contracting wall and the relative difference that is passed over.
+    pub wall: Option<(Ml, f64)>,
 }
 
-/// Something that is wrong with a mesh. Elements and nodes are numbered from zero.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-#[expect(missing_docs, reason = "the message of each variant says what its values are")]
-pub enum Defect {
-    #[error("the mesh has no elements, expected tetrahedra")]
-    Empty,
-    #[error("{what} has {found} entries, expected {expected}, one for each element")]
-    Length { what: &'static str, found: usize, expected: usize },
-    #[error("element {element} names node {node}, but the mesh has {n_nodes} nodes")]
-    NodeOutOfRange { element: usize, node: u32, n_nodes: usize },
-    #[error("node {node} lies at {at:?} mm, expected finite numbers")]
-    NotFinite { node: usize, at: [f64; 3] },
-    #[error(
-        "{n} of {of} elements are inverted, the first is element {element} with {volume_mm3:.3e} mm³; expected positive \
-         volumes: repair the mesh or the order of its corners"
-    )]
-    Inverted { n: usize, of: usize, element: usize, volume_mm3: f64 },
-    #[error(
-        "{n} elements are degenerate, the worst is element {element} at ({}) mm with a mean ratio of {ratio:.1e}; \
-         expected at least {DEGENERATE}: mesh again or smooth there",
-        at_mm(at)
-    )]
-    Degenerate { n: usize, element: usize, ratio: f64, at: [f64; 3] },
-    #[error("{n} nodes belong to no element, the first is node {node}; expected none: remove them")]
-    Unreferenced { n: usize, node: usize },
-    #[error("the face of nodes {nodes:?} belongs to {n_tets} elements, expected 1 or 2: elements overlap")]
-    Overlap { nodes: [u32; 3], n_tets: usize },
-    #[error("the mesh falls into {n_parts} unconnected parts, expected one: merge doubled nodes or remove loose parts")]
-    Unconnected { n_parts: usize },
-    #[error("no element has the tag {tag}; tags there are {found:?}: correct the tag map")]
-    NoTag { tag: i32, found: Vec<i32> },
-    #[error(
-        "the mesh is {extent_mm:.3e} mm across, expected {:.0} to {:.0} mm for a left ventricle{}", EXTENT_MM.start(),
-        EXTENT_MM.end(), unit_hint(*likely)
-    )]
-    Size { extent_mm: f64, likely: Option<&'static str> },
-    #[error("there is no surface {name}; surfaces there are {found:?}: name it in the tag map, or let it be found")]
-    NoSurface { name: String, found: Vec<String> },
-    #[error("surface {name}: {defect}")]
-    Surface { name: String, defect: SurfaceDefect },
-    #[error(
-        "surface {name}: {n} triangles are no boundary faces of the mesh, the first is {triangle:?}; expected faces of \
-         one element each: extract the surface from this mesh again"
-    )]
-    OffBoundary { name: String, n: usize, triangle: [u32; 3] },
-    #[error(
-        "surface {name}: {n} of {of} triangles have their normals into the tissue, the first is {triangle:?}; expected \
-         all out of it: turn them over"
-    )]
-    Inward { name: String, n: usize, of: usize, triangle: [u32; 3] },
-    #[error("the triangle {triangle:?} belongs to the surfaces {first} and {second}, expected one")]
-    TwoSurfaces { first: String, second: String, triangle: [u32; 3] },
-    #[error(
-        "the endocardium has a hole of {n_nodes} nodes around ({}) mm that the rim does not border: triangles are missing \
-         there",
-        at_mm(at)
-    )]
-    Hole { n_nodes: usize, at: [f64; 3] },
-    #[error("the cavity is {found:.1}, expected {measured:.1} within {:.0} %: check unit, state and rim of the mesh", tolerance * 100.0)]
-    Cavity { found: Ml, measured: Ml, tolerance: f64 },
-    #[error("the mesh has no fibres, expected one for each contracting element: give a file or a rule")]
-    NoFibres,
-    #[error(
-        "{n} contracting elements have no unit fibre, the first is element {element} with a length of {length}; expected 1"
-    )]
-    FibreLength { n: usize, element: usize, length: f64 },
-}
-
-fn at_mm(at: &[f64; 3]) -> String {
-    format!("{:.2}, {:.2}, {:.2}", at[0], at[1], at[2])
-}
-
-fn unit_hint(likely: Option<&'static str>) -> String {
-    likely
-        .map_or(String::new(), |unit| format!(": its coordinates look like {unit}; set the mesh's unit to \"{unit}\""))
-}
-
-/// All defects, in the order of the list above. `unit` is what the coordinates were read as: it enters the advice where
-/// the heart is too large or too small.
+/// All defects. `unit` is what the coordinates were read as: it enters the advice where the heart is too large or too small.
 #[must_use]
 pub fn check(mesh: &TetMesh, unit: LengthUnit, expected: &Expected) -> Vec<Defect> {
-    let mut found = shape(mesh);
-    if found.iter().any(|d| {
-        matches!(d, Defect::Empty | Defect::Length { .. } | Defect::NodeOutOfRange { .. } | Defect::NotFinite { .. })
-    }) {
+    let mut found = readable(mesh);
+    if !found.is_empty() {
         return found; // nothing else can be asked
     }
-    let sound = found.is_empty();
+    shape(mesh, &mut found);
+    let sound = found.iter().all(|defect| !matches!(defect, Defect::Inverted { .. } | Defect::Degenerate { .. }));
     topology(mesh, &mut found);
-    for tag in expected.muscle_tags {
-        if !mesh.tags.contains(tag) {
-            let tags: BTreeSet<i32> = mesh.tags.iter().copied().collect();
-            found.push(Defect::NoTag { tag: *tag, found: tags.into_iter().collect() });
-        }
-    }
+    tags(mesh, expected, &mut found);
     size(mesh, unit, &mut found);
-    surfaces(mesh, expected, sound, &mut found);
+    surfaces::check(mesh, expected, sound, &mut found);
     fibres(mesh, expected, &mut found);
     found
 }
 
-fn shape(mesh: &TetMesh) -> Vec<Defect> {
+/// Middle of some nodes.
+fn middle(mesh: &TetMesh, nodes: &[u32]) -> Vec3 {
+    let sum = nodes.iter().fold([0.0; 3], |sum, node| add(sum, mesh.nodes_mm[*node as usize]));
+    scale(sum, 1.0 / nodes.len() as f64)
+}
+
+fn at_element(mesh: &TetMesh, e: usize) -> Place {
+    Place { item: Item::Element(e), at_mm: mesh.centroid_mm(e) }
+}
+
+fn at_node(mesh: &TetMesh, node: u32) -> Place {
+    Place { item: Item::Node(node), at_mm: mesh.nodes_mm[node as usize] }
+}
+
+fn at_edge(mesh: &TetMesh, edge: [u32; 2]) -> Place {
+    Place { item: Item::Edge(edge), at_mm: middle(mesh, &edge) }
+}
+
+fn at_triangle(mesh: &TetMesh, triangle: [u32; 3]) -> Place {
+    Place { item: Item::Triangle(triangle), at_mm: middle(mesh, &triangle) }
+}
+
+fn readable(mesh: &TetMesh) -> Vec<Defect> {
     if mesh.tets.is_empty() {
         return vec![Defect::Empty];
     }
@@ -145,50 +99,150 @@ fn shape(mesh: &TetMesh) -> Vec<Defect> {
     for (element, tet) in mesh.tets.iter().enumerate() {
         if let Some(node) = tet.iter().find(|node| **node as usize >= n_nodes) {
             found.push(Defect::NodeOutOfRange { element, node: *node, n_nodes });
-            return found;
+            break;
         }
     }
-    if let Some(node) = mesh.nodes_mm.iter().position(|x| x.iter().any(|c| !c.is_finite())) {
-        found.push(Defect::NotFinite { node, at: mesh.nodes_mm[node] });
-        return found;
-    }
-    let inverted: Vec<usize> = (0..mesh.n_tets()).filter(|e| mesh.volume_mm3(*e) < 0.0).collect();
-    if let Some(element) = inverted.first().copied() {
-        let volume_mm3 = mesh.volume_mm3(element);
-        found.push(Defect::Inverted { n: inverted.len(), of: mesh.n_tets(), element, volume_mm3 });
-    }
-    let flat: Vec<(usize, f64)> = (0..mesh.n_tets())
-        .map(|e| (e, mean_ratio(mesh.corners(e)).abs()))
-        .filter(|(_, ratio)| *ratio < DEGENERATE)
-        .collect();
-    if let Some((element, ratio)) = flat.iter().min_by(|a, b| a.1.total_cmp(&b.1)).copied() {
-        found.push(Defect::Degenerate { n: flat.len(), element, ratio, at: mesh.centroid_mm(element) });
+    let not_finite = |node: &usize| mesh.nodes_mm[*node].iter().any(|c| !c.is_finite());
+    let nodes: Vec<u32> = (0..n_nodes).filter(not_finite).map(|node| node as u32).collect();
+    if !nodes.is_empty() {
+        found.push(Defect::NotFinite { nodes });
     }
     found
 }
 
-fn topology(mesh: &TetMesh, found: &mut Vec<Defect>) {
-    let mut used = vec![false; mesh.n_nodes()];
-    let mut parts = Groups::new(mesh.n_nodes());
-    for tet in &mesh.tets {
-        for node in tet {
-            used[*node as usize] = true;
-            parts.join(tet[0] as usize, *node as usize);
+fn shape(mesh: &TetMesh, found: &mut Vec<Defect>) {
+    let (mut inverted, mut flat, mut poor) = (Vec::new(), Vec::new(), Vec::new());
+    for e in 0..mesh.n_tets() {
+        let ratio = mean_ratio(mesh.corners(e));
+        if ratio.abs() < DEGENERATE {
+            flat.push((ratio.abs(), e));
+        } else if ratio < 0.0 {
+            inverted.push((mesh.volume_mm3(e), e));
+        } else if ratio < POOR_WARNING {
+            poor.push((ratio, e));
         }
     }
-    let loose: Vec<usize> = (0..mesh.n_nodes()).filter(|node| !used[*node]).collect();
-    if let Some(node) = loose.first() {
-        found.push(Defect::Unreferenced { n: loose.len(), node: *node });
+    let of = mesh.n_tets();
+    let worst_first = |list: &mut Vec<(f64, usize)>| -> Option<(f64, Vec<Place>)> {
+        list.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        Some((list.first()?.0, list.iter().map(|(_, e)| at_element(mesh, *e)).collect()))
+    };
+    if let Some((worst_mm3, places)) = worst_first(&mut inverted) {
+        found.push(Defect::Inverted { of, worst_mm3, places });
     }
+    if let Some((worst, places)) = worst_first(&mut flat) {
+        found.push(Defect::Degenerate { worst, places });
+    }
+    if let Some((worst, places)) = worst_first(&mut poor) {
+        found.push(Defect::Poor { of, worst, places });
+    }
+}
+
+fn topology(mesh: &TetMesh, found: &mut Vec<Defect>) {
+    let mut push = |places: Vec<Place>, defect: fn(Vec<Place>) -> Defect| {
+        if !places.is_empty() {
+            found.push(defect(places));
+        }
+    };
+    let used = used(mesh);
+    let loose = (0..mesh.n_nodes()).filter(|node| !used[*node]).map(|node| at_node(mesh, node as u32));
+    push(loose.collect(), |places| Defect::Unreferenced { places });
+    let doubled = doubled(mesh).into_iter().map(|(node, _)| at_node(mesh, node));
+    push(doubled.collect(), |places| Defect::Doubled { places });
     let mut faces: Vec<[u32; 3]> =
         mesh.tets.iter().flat_map(|tet| FACES.map(|face| sorted(face.map(|i| tet[i])))).collect();
     faces.sort_unstable();
-    if let Some(same) = faces.chunk_by(|a, b| a == b).find(|same| same.len() > 2) {
-        found.push(Defect::Overlap { nodes: same[0], n_tets: same.len() });
+    let overlaps = faces.chunk_by(|a, b| a == b).filter(|same| same.len() > 2).map(|same| at_triangle(mesh, same[0]));
+    let overlaps: Vec<Place> = overlaps.collect();
+    // where elements overlap, the boundary is none
+    let plain = overlaps.is_empty();
+    push(overlaps, |places| Defect::Overlap { places });
+    if plain {
+        let touching = branched_edges(mesh).into_iter().map(|edge| at_edge(mesh, edge));
+        push(touching.collect(), |places| Defect::Touching { places });
     }
-    let n_parts = (0..mesh.n_nodes()).filter(|node| used[*node] && parts.of(*node) == *node).count();
-    if n_parts > 1 {
-        found.push(Defect::Unconnected { n_parts });
+    let pieces = pieces(mesh);
+    if let Some((largest, loose)) = pieces.split_first().filter(|(_, loose)| !loose.is_empty()) {
+        let place = |elements: &Vec<usize>| {
+            let sum = elements.iter().fold([0.0; 3], |sum, e| add(sum, mesh.centroid_mm(*e)));
+            Place { item: Item::Piece(elements.len()), at_mm: scale(sum, 1.0 / elements.len() as f64) }
+        };
+        found.push(Defect::Unconnected { largest: largest.len(), places: loose.iter().map(place).collect() });
+    }
+}
+
+/// Which nodes some element has.
+pub(crate) fn used(mesh: &TetMesh) -> Vec<bool> {
+    let mut used = vec![false; mesh.n_nodes()];
+    for node in mesh.tets.iter().flatten() {
+        used[*node as usize] = true;
+    }
+    used
+}
+
+/// Elements of each piece of the mesh that hangs together by nodes, the largest piece first.
+pub(crate) fn pieces(mesh: &TetMesh) -> Vec<Vec<usize>> {
+    let mut groups = Groups::new(mesh.n_nodes());
+    for tet in &mesh.tets {
+        for node in tet {
+            groups.join(tet[0] as usize, *node as usize);
+        }
+    }
+    let mut of_group: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
+    for (e, tet) in mesh.tets.iter().enumerate() {
+        of_group.entry(groups.of(tet[0] as usize)).or_default().push(e);
+    }
+    let mut pieces: Vec<Vec<usize>> = of_group.into_values().collect();
+    pieces.sort_by_key(|elements| std::cmp::Reverse(elements.len()));
+    pieces
+}
+
+/// Nodes of elements at the place of another such node, and that one.
+pub(crate) fn doubled(mesh: &TetMesh) -> Vec<(u32, u32)> {
+    let cell_mm = (DOUBLED * mesh.mean_edge_mm()).max(f64::MIN_POSITIVE);
+    let cell = |x: Vec3| x.map(|c| (c / cell_mm).floor() as i64);
+    let used = used(mesh);
+    let mut in_cell: HashMap<[i64; 3], Vec<u32>> = HashMap::new();
+    let mut found = Vec::new();
+    for node in (0..mesh.n_nodes() as u32).filter(|node| used[*node as usize]) {
+        let x = mesh.nodes_mm[node as usize];
+        let [i, j, k] = cell(x);
+        let around = (0..27).map(|n| [i + n % 3 - 1, j + n / 3 % 3 - 1, k + n / 9 - 1]);
+        let near = around.filter_map(|cell| in_cell.get(&cell)).flatten();
+        match near.into_iter().find(|other| norm(sub(x, mesh.nodes_mm[**other as usize])) <= cell_mm) {
+            Some(other) => found.push((node, *other)),
+            None => in_cell.entry([i, j, k]).or_default().push(node),
+        }
+    }
+    found
+}
+
+/// Edges of the boundary with more than two boundary triangles, ascending.
+pub(crate) fn branched_edges(mesh: &TetMesh) -> Vec<[u32; 2]> {
+    let faces = boundary(mesh);
+    let mut edges: Vec<[u32; 2]> =
+        faces.iter().flat_map(|face| crate::surface::edges(face.triangle)).map(|(a, b)| [a.min(b), a.max(b)]).collect();
+    edges.sort_unstable();
+    edges.chunk_by(|a, b| a == b).filter(|same| same.len() > 2).map(|same| same[0]).collect()
+}
+
+fn tags(mesh: &TetMesh, expected: &Expected, found: &mut Vec<Defect>) {
+    let mut there: BTreeMap<i32, usize> = BTreeMap::new();
+    for tag in &mesh.tags {
+        *there.entry(*tag).or_default() += 1;
+    }
+    for tag in expected.muscle_tags.iter().filter(|tag| !there.contains_key(*tag)) {
+        found.push(Defect::NoTag { tag: *tag, found: there.iter().map(|(tag, n)| (*tag, *n)).collect() });
+    }
+    if let Some((stated, tolerance)) = expected.wall {
+        let muscle: f64 = (0..mesh.n_tets())
+            .filter(|e| expected.muscle_tags.contains(&mesh.tags[*e]))
+            .map(|e| mesh.volume_mm3(e).abs())
+            .sum();
+        let wall = Ml(muscle * 1e-3);
+        if wall.0 > 0.0 && (wall.0 - stated.0).abs() > tolerance * stated.0 {
+            found.push(Defect::Wall { found: wall, stated, tolerance });
+        }
     }
 }
 
@@ -209,68 +263,6 @@ fn size(mesh: &TetMesh, unit: LengthUnit, found: &mut Vec<Defect>) {
     }
 }
 
-fn surfaces(mesh: &TetMesh, expected: &Expected, sound: bool, found: &mut Vec<Defect>) {
-    for name in expected.surfaces {
-        if mesh.surface(name).is_none_or(|surface| surface.triangles.is_empty()) {
-            let names = mesh.surfaces.iter().map(|surface| surface.name.clone()).collect();
-            found.push(Defect::NoSurface { name: (*name).to_owned(), found: names });
-        }
-    }
-    let outward: HashMap<[u32; 3], [u32; 3]> =
-        boundary(mesh).iter().map(|face| (sorted(face.triangle), face.triangle)).collect();
-    let mut owner: BTreeMap<[u32; 3], &str> = BTreeMap::new();
-    for surface in &mesh.surfaces {
-        let name = || surface.name.clone();
-        let (mut off, mut inward) = (Vec::new(), Vec::new());
-        for triangle in &surface.triangles {
-            match outward.get(&sorted(*triangle)) {
-                None => off.push(*triangle),
-                Some(face) if !same_turn(*face, *triangle) => inward.push(*triangle),
-                Some(_) => {}
-            }
-            if let Some(first) = owner.insert(sorted(*triangle), &surface.name) {
-                found.push(Defect::TwoSurfaces { first: first.to_owned(), second: name(), triangle: *triangle });
-                return;
-            }
-        }
-        if let Some(triangle) = off.first() {
-            found.push(Defect::OffBoundary { name: name(), n: off.len(), triangle: *triangle });
-        }
-        if let Some(triangle) = inward.first().filter(|_| sound) {
-            let (n, of) = (inward.len(), surface.triangles.len());
-            found.push(Defect::Inward { name: name(), n, of, triangle: *triangle });
-        }
-        // a rim may touch itself where it is one element wide; walls may not
-        if let Err(defect) = openings(&surface.triangles)
-            && (!matches!(defect, SurfaceDefect::Pinched { .. }) || surface.name == surface_names::ENDOCARDIUM)
-        {
-            found.push(Defect::Surface { name: name(), defect });
-        }
-    }
-    endocardium(mesh, expected, found);
-}
-
-fn endocardium(mesh: &TetMesh, expected: &Expected, found: &mut Vec<Defect>) {
-    let Some(endocardium) = mesh.surface(surface_names::ENDOCARDIUM) else { return };
-    let Ok(cavity) = Cavity::behind(&endocardium.triangles) else { return };
-    if let Some(rim) = mesh.surface(surface_names::RIM) {
-        let rim: BTreeSet<u32> = rim.nodes().into_iter().collect();
-        for (k, opening) in cavity.openings.iter().enumerate() {
-            if !opening.iter().all(|node| rim.contains(node)) {
-                let at = cavity.opening_centre_mm(k, &mesh.nodes_mm);
-                found.push(Defect::Hole { n_nodes: opening.len(), at });
-            }
-        }
-    }
-    if let Some((measured, tolerance)) = expected.cavity {
-        let volume = cavity.volume(&mesh.nodes_mm);
-        let near = (volume.0 - measured.0).abs() <= tolerance * measured.0;
-        if !near {
-            found.push(Defect::Cavity { found: volume, measured, tolerance });
-        }
-    }
-}
-
 fn fibres(mesh: &TetMesh, expected: &Expected, found: &mut Vec<Defect>) {
     if !expected.fibres {
         return;
@@ -279,20 +271,36 @@ fn fibres(mesh: &TetMesh, expected: &Expected, found: &mut Vec<Defect>) {
         found.push(Defect::NoFibres);
         return;
     }
-    let wrong: Vec<(usize, f64)> = (0..mesh.n_tets())
-        .filter(|e| expected.muscle_tags.is_empty() || expected.muscle_tags.contains(&mesh.tags[*e]))
+    let contracts = |e: &usize| expected.muscle_tags.is_empty() || expected.muscle_tags.contains(&mesh.tags[*e]);
+    let mut of = 0;
+    let mut wrong: Vec<(usize, f64)> = (0..mesh.n_tets())
+        .filter(contracts)
+        .inspect(|_| of += 1)
         .map(|e| (e, norm(mesh.frames[e].fibre)))
         .filter(|(_, length)| length.is_nan() || (length - 1.0).abs() > UNIT_TOLERANCE)
         .collect();
-    if let Some((element, length)) = wrong.first() {
-        found.push(Defect::FibreLength { n: wrong.len(), element: *element, length: *length });
+    wrong.sort_by(|a, b| (b.1 - 1.0).abs().total_cmp(&(a.1 - 1.0).abs()));
+    if let Some((_, worst)) = wrong.first().copied() {
+        let places = wrong.iter().map(|(e, _)| at_element(mesh, *e)).collect();
+        found.push(Defect::FibreLength { of, worst, places });
     }
 }
 
-/// Whether two orderings of the same corners turn the same way.
-fn same_turn(a: [u32; 3], b: [u32; 3]) -> bool {
-    (0..3).any(|turn| std::array::from_fn(|i| a[(i + turn) % 3]) == b)
+/// Defects of where activation begins: sites that no contracting tissue is near, or times that cannot be.
+#[must_use]
+pub fn activation(mesh: &TetMesh, muscle_tags: &[i32], sites_mm: &[Vec3], radius_mm: f64) -> Vec<Defect> {
+    let around = Adjacency::node_to_tets(mesh.n_nodes(), &mesh.tets);
+    let contracts = |node: usize| around.row(node).iter().any(|e| muscle_tags.contains(&mesh.tags[*e as usize]));
+    let muscle: Vec<u32> = (0..mesh.n_nodes()).filter(|node| contracts(*node)).map(|node| node as u32).collect();
+    let mut found = Vec::new();
+    for (site, at_mm) in sites_mm.iter().enumerate() {
+        let to = |node: &u32| norm(sub(mesh.nodes_mm[*node as usize], *at_mm));
+        let nearest = muscle.iter().map(|node| (to(node), *node)).min_by(|a, b| a.0.total_cmp(&b.0));
+        if let Some((distance_mm, node)) =
+            nearest.filter(|(distance, _)| *distance > radius_mm.max(mesh.mean_edge_mm()))
+        {
+            found.push(Defect::Site { site, distance_mm, place: at_node(mesh, node) });
+        }
+    }
+    found
 }
-
-#[cfg(test)]
-mod tests;

@@ -13,17 +13,21 @@ pub mod ellipsoid;
 pub mod fibres;
 pub mod files;
 pub mod find_surfaces;
+pub mod intake;
 pub mod joint;
+pub mod landmarks;
 pub mod laplace;
 pub mod node_fibres;
 pub mod order;
 pub mod partition;
 pub mod quality;
 pub mod refine;
+pub mod repair;
 pub mod surface;
 #[cfg(test)]
 mod test_meshes;
 pub mod tet_mesh;
+pub mod transfer;
 pub mod vec3;
 
 pub use adjacency::Adjacency;

@@ -10,6 +10,7 @@ pub mod active_stress;
 pub mod biomarkers;
 pub mod checks;
 mod cycle;
+pub mod image;
 pub mod problem;
 pub mod read;
 pub mod resample;

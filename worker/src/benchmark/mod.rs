@@ -12,7 +12,7 @@ use std::time::Instant;
 
 use cardiotwin_mechanics::dynamics::Rayleigh;
 use cardiotwin_mechanics::organ::ElementKind;
-use cardiotwin_mechanics::prescribed::{RunCost, Schedule, run, settle};
+use cardiotwin_mechanics::prescribed::{ProblemError, RunCost, Schedule, run, settle};
 use cardiotwin_mechanics::statics::LoadSteps;
 use cardiotwin_mechanics::step::StepSettings;
 use cardiotwin_mechanics::time_integration::GeneralisedAlpha;
@@ -125,10 +125,7 @@ pub fn run_benchmark(
         .map_err(|source| BenchmarkError::Format { file: file.to_owned(), source: Box::new(source) })?;
     let method = Method::of(file, &parsed, as_cohort)?;
     let model = Model::read(file, &parsed)?;
-    let setup = model
-        .problem(method.element)?
-        .set_up()
-        .map_err(|e| BenchmarkError::key(file, "mesh", chain(&e), "a body that can be built"))?;
+    let setup = model.problem(method.element)?.set_up().map_err(|e| by_name(file, &parsed, &e))?;
     let (n_tets, n_dofs) = (model.mesh.n_tets(), 3 * setup.body.n_nodes());
     progress(&format!("{}: {n_tets} elements ({}), {n_dofs} degrees of freedom", parsed.title, method.element));
     let mut table = Table::create(&parsed, out)?;
@@ -162,6 +159,25 @@ pub fn run_benchmark(
         seconds: watch.elapsed().as_secs_f64(),
         table: out.map(Path::to_owned),
     })
+}
+
+/// What is wrong with the body, under the name that the file gives the probe or cavity.
+fn by_name(file: &Path, parsed: &BenchmarkFile, error: &ProblemError) -> BenchmarkError {
+    match error {
+        ProblemError::Probe { probe, at: [x, y, z], outside } => {
+            let name = parsed.probe.get(*probe).map_or_else(|| probe.to_string(), |p| p.name.clone());
+            let found = format!(
+                "({x:.3}, {y:.3}, {z:.3}) mm, outside of every element (smallest barycentric coordinate in the nearest {outside:.2})"
+            );
+            BenchmarkError::key(file, format!("probe {name:?}: at_mm"), found, "a place in the tissue, in mm")
+        }
+        ProblemError::Cavity { cavity, source } => {
+            let name = parsed.cavity.get(*cavity).map_or_else(|| cavity.to_string(), |c| c.name.clone());
+            let expected = "surfaces that enclose it but for openings";
+            BenchmarkError::key(file, format!("cavity {name:?}: surfaces"), source.to_string(), expected)
+        }
+        error => BenchmarkError::key(file, "mesh", chain(error), "a body that can be built"),
+    }
 }
 
 #[expect(clippy::too_many_arguments, reason = "the dynamic half of `run_benchmark`")]

@@ -10,7 +10,7 @@ use crate::cli::problems;
 use crate::cli::talk::{Talk, count};
 use crate::input::{self, Finding, Options, Report};
 
-/// Check cohort, patients, settings and measured data; all problems at once
+/// Check cohort, patients, settings, measured data and patients' own meshes; all problems at once
 #[derive(Debug, Args)]
 pub struct CheckArgs {
     #[command(flatten)]
@@ -47,7 +47,7 @@ pub fn execute(args: &CheckArgs, talk: &Talk) -> Result<Exit, CliError> {
     let folders = args.place.folders();
     let cohort_dir = folders.cohort.unwrap_or(folders.run);
     let mut report = Report::default();
-    let options = Options { only: args.patients.clone(), set: args.set.clone(), ..Options::default() };
+    let options = Options { only: args.patients.clone(), set: args.set.clone(), meshes: true, ..Options::default() };
     let cohort = input::load(&cohort_dir, &options, &mut report);
     let (errors, warnings) = (report.n_errors(), report.n_warnings());
     let n_patients = cohort.as_ref().map_or(0, |cohort| cohort.patients.len());

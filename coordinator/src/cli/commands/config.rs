@@ -66,7 +66,7 @@ pub async fn execute(args: &ConfigArgs, talk: &Talk) -> Result<Exit, CliError> {
     let cohort_dir = folders.cohort.unwrap_or(folders.run);
     let only: Vec<String> = args.patient.iter().cloned().collect();
     let mut report = Report::default();
-    let options = Options { only, overrides, set: args.set.clone() };
+    let options = Options { only, overrides, set: args.set.clone(), meshes: false };
     let cohort = input::load(&cohort_dir, &options, &mut report);
     talk.say(problems::text(&report, talk.colour_err).trim_end());
     let merged: Option<&Merged> = cohort.as_ref().and_then(|cohort| match &args.patient {

@@ -49,7 +49,7 @@ pub async fn execute(args: &ExplainArgs, talk: &Talk) -> Result<Exit, CliError> 
     let patient = match &folders.cohort {
         Some(cohort) => {
             let overrides = stored_overrides(&folders.run, &args.patient).await?;
-            let options = Options { only: vec![args.patient.clone()], overrides, set: Vec::new() };
+            let options = Options { only: vec![args.patient.clone()], overrides, set: Vec::new(), meshes: false };
             // Only to find places: `check` is where problems are told.
             input::load(cohort, &options, &mut Report::default()).and_then(|mut cohort| cohort.patients.pop())
         }

@@ -18,6 +18,7 @@ pub mod housekeeping;
 pub mod init;
 pub mod logs;
 pub mod man;
+pub mod mesh;
 pub mod plan;
 pub mod prepare;
 pub mod report;

@@ -87,7 +87,7 @@ pub async fn execute(args: &RunArgs, talk: &Talk) -> Result<Exit, CliError> {
     let began = Instant::now();
     let folders = args.place.folders();
     folders.refuse_sweep("`cardiotwin sweep` goes on with it, see `cardiotwin sweep status DIR`")?;
-    let cohort = load(&folders, &args.settings(), &args.patients, talk)?;
+    let cohort = load(&folders, &args.settings(), &args.patients, true, talk)?;
     if args.dry_run {
         return dry_run(&cohort, &folders, talk).await;
     }
@@ -153,18 +153,21 @@ pub(super) fn load_for_cluster(
     talk: &Talk,
 ) -> Result<RunOptions, CliError> {
     let set: Vec<String> = std::iter::once("executor.kind=slurm".to_owned()).chain(set.iter().cloned()).collect();
-    Ok(of_cohort(&load(folders, &set, &[], talk)?, folders, worker))
+    // Meshes are looked at before the first submission, not at every tick.
+    let meshes = !folders.run.join(crate::cli::place::DATABASE).exists();
+    Ok(of_cohort(&load(folders, &set, &[], meshes, talk)?, folders, worker))
 }
 
-/// The cohort, or all its problems; with the patients that are to be worked on, if not all.
-fn load(folders: &Folders, set: &[String], only: &[String], talk: &Talk) -> Result<Cohort, CliError> {
+/// The cohort, or all its problems, those of patients' own `meshes` included; with the patients that are to be worked on, if
+/// not all.
+fn load(folders: &Folders, set: &[String], only: &[String], meshes: bool, talk: &Talk) -> Result<Cohort, CliError> {
     let Some(directory) = &folders.cohort else {
         let run = folders.run.display();
         let message = format!("{run} is a run: name its cohort, and the run with --run-dir {run}");
         return Err(CliError::Usage(message));
     };
     let mut report = Report::default();
-    let cohort = input::load(directory, &Options { set: set.to_vec(), ..Options::default() }, &mut report);
+    let cohort = input::load(directory, &Options { set: set.to_vec(), meshes, ..Options::default() }, &mut report);
     let said = problems::text(&report, talk.colour_err);
     if !said.is_empty() {
         talk.say(said.trim_end());

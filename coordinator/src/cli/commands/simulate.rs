@@ -93,7 +93,7 @@ pub async fn execute(args: &SimulateArgs, talk: &Talk) -> Result<Exit, CliError>
         args.set.iter().cloned().partition(|set| set.split('=').next().is_some_and(|key| key.contains('.')));
     let record = stored(&folders, &args.patient).await?;
     let overrides = stored_overrides(&folders.run, &args.patient).await?;
-    let options = Options { only: vec![args.patient.clone()], set: settings, overrides };
+    let options = Options { only: vec![args.patient.clone()], set: settings, overrides, meshes: true };
     let plan = plan(&folders, &options, record.as_ref(), talk)?;
     let worker = find_worker(args.worker.as_deref())?;
     let scratch = tempfile::tempdir().map_err(CliError::file("make a folder in", std::env::temp_dir()))?;

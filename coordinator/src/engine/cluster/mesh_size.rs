@@ -24,6 +24,7 @@ fn of_file(path: &Path) -> Option<u32> {
     match path.extension()?.to_str()? {
         "pts" => text.lines().next()?.trim().parse().ok(),
         "vtu" => text.split_once("NumberOfPoints=\"")?.1.split_once('"')?.0.trim().parse().ok(),
+        "mesh" => text.split_once("Vertices")?.1.split_whitespace().next()?.parse().ok(),
         // One number in version 2; blocks, nodes, first and last tag in version 4.
         "msh" => {
             let line = text.split_once("$Nodes")?.1.trim_start().lines().next()?;
@@ -43,6 +44,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         for (name, text, nodes) in [
             ("a.pts", "1234\n0 0 0\n", Some(1234)),
+            ("a.mesh", "MeshVersionFormatted 2\nDimension 3\nVertices\n77\n0 0 0 0\n", Some(77)),
             ("b.vtu", "<VTKFile><Piece NumberOfPoints=\"77\" NumberOfCells=\"9\">", Some(77)),
             ("c.msh", "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n51\n1 0 0 0\n", Some(51)),
             ("d.msh", "$MeshFormat\n4.1 0 8\n$EndMeshFormat\n$Nodes\n3 99 1 99\n2 1 0 5\n", Some(99)),

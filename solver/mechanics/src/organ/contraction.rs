@@ -14,6 +14,7 @@ use cardiotwin_models::effects::FibreViscosity;
 use cardiotwin_models::ventricle::GroupContraction;
 
 use super::anatomy::Anatomy;
+use super::wall::WallParameters;
 use crate::body::{Body, Deformation};
 use crate::element::kernel::ActivePoint;
 use crate::element::{BATCH, Eight};
@@ -87,22 +88,21 @@ pub(super) struct NodeAverage {
 impl PointContraction {
     /// The model at all points of the muscle of `body`.
     ///
+    /// - `wall`: convention of the active stress, and how much earlier contraction ends at the epicardium
     /// - `activation_ms`: activation time of each vertex of the mesh
-    /// - `epicardial_duration`: how long contraction lasts at the epicardium over how long at the endocardium
     /// - `end_diastole`: deformation in which the stretch is one
     pub(super) fn new(
         contraction: &SharedModel,
         cycle_length_ms: f64,
-        convention: ActiveConvention,
+        wall: &WallParameters,
         anatomy: &Anatomy,
         body: &Body,
         activation_ms: &[f64],
-        epicardial_duration: f64,
         end_diastole: &Deformation,
     ) -> Self {
         let SharedModel { model, calcium, start } = contraction.clone();
         let (mut places, mut times, mut duration, mut lambda_ed) = (vec![], vec![], vec![], vec![]);
-        let longer = 2.0 * (epicardial_duration - 1.0) / (epicardial_duration + 1.0);
+        let longer = 2.0 * (wall.epicardial_duration - 1.0) / (wall.epicardial_duration + 1.0);
         let n_batches = body.n_point_batches();
         for idx in 0..n_batches {
             let (n_lanes, elements) = body.point_lanes(idx);
@@ -130,7 +130,7 @@ impl PointContraction {
             model,
             calcium,
             cycle_length_ms,
-            convention,
+            convention: wall.active.convention,
             viscosity: None,
             places,
             n_batches,

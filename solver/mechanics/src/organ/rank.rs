@@ -234,11 +234,10 @@ impl OrganRank {
         let mut points = PointContraction::new(
             &setup.contraction,
             setup.cycle_length_ms,
-            setup.wall.active.convention,
+            &setup.wall,
             &anatomy,
             &dynamics.body,
             &activation_ms,
-            setup.wall.epicardial_duration,
             &deformation,
         )
         .with_viscosity(setup.viscosity);

@@ -1,68 +1,120 @@
 use super::*;
 use crate::ellipsoid::{EllipsoidSpec, generate};
-use crate::tet_mesh::{Frame, tags};
+use crate::tet_mesh::{Frame, surface_names, tags};
 
 const EXPECTED: Expected = Expected {
     muscle_tags: &[tags::LEFT_VENTRICLE],
     fibres: false,
     surfaces: &[surface_names::ENDOCARDIUM, surface_names::EPICARDIUM, surface_names::RIM],
+    surfaces_not_found: None,
     cavity: Some((Ml(120.0), 0.05)),
+    wall: None,
 };
 
 fn heart() -> TetMesh {
     generate(&EllipsoidSpec::new(Ml(120.0), Ml(130.0), 600)).unwrap().mesh
 }
 
-fn told(mesh: &TetMesh, expected: &Expected) -> Vec<String> {
-    check(mesh, LengthUnit::Millimetre, expected).iter().map(ToString::to_string).collect()
+fn told(mesh: &TetMesh, expected: &Expected) -> Vec<Defect> {
+    check(mesh, LengthUnit::Millimetre, expected)
 }
 
-/// The one message.
-fn only(mesh: &TetMesh, expected: &Expected) -> String {
+fn names(mesh: &TetMesh, expected: &Expected) -> Vec<&'static str> {
+    told(mesh, expected).iter().map(Defect::name).collect()
+}
+
+/// The one defect.
+fn only(mesh: &TetMesh, expected: &Expected) -> Defect {
     let told = told(mesh, expected);
     assert_eq!(told.len(), 1, "{told:#?}");
     told[0].clone()
 }
 
+fn without_volume() -> Expected<'static> {
+    Expected { cavity: None, ..EXPECTED }
+}
+
 #[test]
 fn a_generated_heart_has_no_defects() {
-    assert_eq!(told(&heart(), &EXPECTED), Vec::<String>::new());
+    assert_eq!(told(&heart(), &EXPECTED), Vec::<Defect>::new());
 }
 
 #[test]
-fn an_inverted_element_is_named() {
+fn every_inverted_element_is_named_with_its_place() {
     let mut mesh = heart();
     mesh.tets[7].swap(0, 1);
-    let text = told(&mesh, &Expected { cavity: None, ..EXPECTED }).join("\n");
-    assert!(text.starts_with("1 of ") && text.contains("the first is element 7 with -"), "{text}");
+    mesh.tets[90].swap(0, 1);
+    let turned = told(&mesh, &without_volume()).remove(0);
+    let items: Vec<Item> = turned.places().iter().map(|place| place.item).collect();
+    assert!(items.len() == 2 && items.contains(&Item::Element(7)) && items.contains(&Item::Element(90)), "{turned}");
+    let at = mesh.centroid_mm(7);
+    assert!(turned.places().iter().any(|place| place.at_mm == at), "{turned}");
+    assert!(turned.remedy().contains("mesh repair"), "{turned}");
 }
 
 #[test]
-fn a_flat_element_is_named_with_its_place() {
+fn flat_and_badly_shaped_elements_are_told_apart() {
     let mut mesh = heart();
     let [a, b, c, d] = mesh.tets[3];
     let x = [a, b, c].map(|node| mesh.nodes_mm[node as usize]);
-    mesh.nodes_mm[d as usize] = std::array::from_fn(|k| (x[0][k] + x[1][k] + x[2][k]) / 3.0);
-    let text = told(&mesh, &EXPECTED).join("\n");
-    assert!(text.contains("degenerate, the worst is element 3 at ("), "{text}");
+    let old = mesh.nodes_mm[d as usize];
+    let middle: Vec3 = std::array::from_fn(|k| (x[0][k] + x[1][k] + x[2][k]) / 3.0);
+    mesh.nodes_mm[d as usize] = middle;
+    let flat = told(&mesh, &EXPECTED);
+    let flat = flat.iter().find(|defect| defect.name() == "flat-elements").expect("told");
+    assert!(flat.places().iter().any(|place| place.item == Item::Element(3)), "{flat}");
+    assert_eq!(flat.severity(), Severity::Error);
+    // pressed to a twentieth of its height
+    mesh.nodes_mm[d as usize] = std::array::from_fn(|k| middle[k] + 0.02 * (old[k] - middle[k]));
+    let poor = told(&mesh, &EXPECTED);
+    let poor = poor.iter().find(|defect| defect.name() == "badly-shaped-elements").expect("told");
+    assert_eq!(poor.severity(), Severity::Warning);
 }
 
 #[test]
-fn loose_nodes_loose_parts_and_overlaps_are_counted() {
+fn loose_nodes_loose_pieces_doubled_nodes_and_overlaps_are_listed() {
     let mut mesh = heart();
     mesh.nodes_mm.push([0.0; 3]);
-    assert!(only(&mesh, &EXPECTED).starts_with("1 nodes belong to no element"));
+    assert_eq!(only(&mesh, &EXPECTED).severity(), Severity::Warning);
     let n = mesh.n_nodes() as u32;
-    mesh.nodes_mm.extend([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]);
+    mesh.nodes_mm.extend([[5.0, 0.0, 0.0], [0.0, 5.0, 0.0], [0.0, 0.0, 5.0]]);
     mesh.tets.push([n - 1, n, n + 1, n + 2]);
     mesh.tags.push(1);
-    assert!(only(&mesh, &EXPECTED).contains("2 unconnected parts"));
+    let loose = only(&mesh, &EXPECTED);
+    assert_eq!(loose.places(), [Place { item: Item::Piece(1), at_mm: [1.25; 3] }], "{loose}");
+
     let mut mesh = heart();
-    mesh.tets.push(mesh.tets[0]);
-    mesh.tags.push(1);
-    mesh.tets.push(mesh.tets[0]);
-    mesh.tags.push(1);
-    assert!(told(&mesh, &EXPECTED).iter().any(|text| text.contains("elements overlap")));
+    let node = mesh.tets[11][2];
+    let at_mm = mesh.nodes_mm[node as usize];
+    mesh.nodes_mm.push(at_mm);
+    mesh.tets[11][2] = mesh.n_nodes() as u32 - 1;
+    let doubled = told(&mesh, &without_volume());
+    let doubled = doubled.iter().find(|defect| defect.name() == "doubled-nodes").expect("told");
+    assert_eq!(doubled.places().len(), 1);
+    assert_eq!(doubled.places()[0].at_mm, at_mm);
+
+    let mut mesh = heart();
+    for _ in 0..2 {
+        mesh.tets.push(mesh.tets[0]);
+        mesh.tags.push(1);
+    }
+    assert!(names(&mesh, &EXPECTED).contains(&"overlap"));
+}
+
+#[test]
+fn edges_at_which_four_triangles_meet_are_all_listed() {
+    // two cubes of a block that share an edge alone
+    let block = crate::test_meshes::block([2, 2, 1], [20.0, 20.0, 10.0]);
+    let mut mesh = block.clone();
+    let keep = |e: &usize| {
+        let x = block.centroid_mm(*e);
+        (x[0] < 10.0) == (x[1] < 10.0)
+    };
+    mesh.tets = (0..block.n_tets()).filter(keep).map(|e| block.tets[e]).collect();
+    mesh.tags.truncate(mesh.tets.len());
+    let told = told(&mesh, &Expected::default());
+    let touching = told.iter().find(|defect| defect.name() == "touching-edges").expect("told");
+    assert_eq!(touching.places(), [Place { item: Item::Edge([4, 13]), at_mm: [10.0, 10.0, 5.0] }], "{touching}");
 }
 
 #[test]
@@ -71,19 +123,22 @@ fn a_heart_in_the_wrong_unit_is_told_with_the_likely_one() {
     for x in mesh.nodes_mm.iter_mut().flatten() {
         *x *= 1000.0;
     }
-    let text = only(&mesh, &Expected { cavity: None, ..EXPECTED });
-    assert!(text.ends_with("its coordinates look like um; set the mesh's unit to \"um\""), "{text}");
+    let remedy = only(&mesh, &without_volume()).remedy();
+    assert!(remedy.ends_with("look like um: set anatomy.mesh.unit = \"um\""), "{remedy}");
     for x in mesh.nodes_mm.iter_mut().flatten() {
         *x *= 1e-6;
     }
-    let text = only(&mesh, &Expected { cavity: None, ..EXPECTED });
-    assert!(text.ends_with("set the mesh's unit to \"m\""), "{text}");
+    let remedy = only(&mesh, &without_volume()).remedy();
+    assert!(remedy.ends_with("set anatomy.mesh.unit = \"m\""), "{remedy}");
 }
 
 #[test]
-fn a_cavity_that_disagrees_with_the_measured_one_is_told() {
-    let text = only(&heart(), &Expected { cavity: Some((Ml(150.0), 0.05)), ..EXPECTED });
-    assert_eq!(text, "the cavity is 120.0 mL, expected 150.0 mL within 5 %: check unit, state and rim of the mesh");
+fn a_cavity_that_disagrees_with_the_measured_one_is_told_with_the_scale_that_would_mend_it() {
+    let found = only(&heart(), &Expected { cavity: Some((Ml(120.0 / 2.744), 0.1)), ..EXPECTED });
+    assert_eq!(found.name(), "cavity-volume");
+    assert!(found.remedy().contains("all lengths times 0.714"), "{found}");
+    let wall = only(&heart(), &Expected { wall: Some((Ml(90.0), 0.25)), ..EXPECTED });
+    assert_eq!((wall.name(), wall.severity()), ("wall-volume", Severity::Warning));
 }
 
 #[test]
@@ -91,55 +146,83 @@ fn open_turned_and_foreign_surfaces_are_told() {
     let position = |mesh: &TetMesh| mesh.surfaces.iter().position(|s| s.name == surface_names::ENDOCARDIUM).unwrap();
     let mut mesh = heart();
     let endocardium = position(&mesh);
-    mesh.surfaces[endocardium].triangles.remove(3);
-    let text = only(&mesh, &Expected { cavity: None, ..EXPECTED });
-    assert!(text.starts_with("the endocardium has a hole of 3 nodes around ("), "{text}");
+    let gone = mesh.surfaces[endocardium].triangles.remove(3);
+    let hole = only(&mesh, &without_volume());
+    let middle = super::middle(&mesh, &gone);
+    assert!(hole.name() == "hole" && norm(sub(hole.places()[0].at_mm, middle)) < 1e-9, "{hole}");
 
     let mut mesh = heart();
     mesh.surfaces[endocardium].triangles[5].swap(0, 1);
-    let text = told(&mesh, &Expected { cavity: None, ..EXPECTED });
-    assert!(text[0].contains("1 of ") && text[0].contains("normals into the tissue"), "{text:?}");
-    assert!(text[1].contains("oriented against each other"), "{text:?}");
+    assert_eq!(names(&mesh, &without_volume()), ["inward-surface", "turned-triangles"]);
+    assert_eq!(told(&mesh, &without_volume())[1].places().len(), 3, "the triangle's three edges");
 
     let mut mesh = heart();
     let inside = mesh.surfaces[endocardium].triangles[0];
     mesh.surfaces[endocardium].triangles.push([inside[0], inside[1], inside[2] + 2]);
-    assert!(told(&mesh, &EXPECTED).iter().any(|text| text.contains("no boundary faces of the mesh")));
+    assert!(names(&mesh, &EXPECTED).contains(&"foreign-triangles"));
 
     let mut mesh = heart();
     mesh.surfaces.remove(endocardium);
-    assert!(only(&mesh, &EXPECTED).starts_with("there is no surface endocardium; surfaces there are [\"epicardium\""));
+    let text = only(&mesh, &EXPECTED).to_string();
+    assert!(text.contains("no surface named endocardium; surfaces there are: epicardium"), "{text}");
 
     let mut mesh = heart();
-    mesh.surfaces.push(crate::surface::Surface { name: "again".into(), triangles: vec![inside] });
-    assert!(only(&mesh, &EXPECTED).contains("surfaces endocardium and again"));
+    let rim = mesh.surfaces.iter().position(|s| s.name == surface_names::RIM).unwrap();
+    mesh.surfaces[rim].triangles.push(inside);
+    assert!(names(&mesh, &EXPECTED).contains(&"shared-triangles"));
+}
+
+#[test]
+fn a_closed_endocardium_is_told_as_such() {
+    // a hollow cube: 3 × 3 × 3 cells without the middle one
+    let mut mesh = crate::test_meshes::cube(3, 30.0);
+    let inside = |x: [f64; 3]| x.iter().all(|c| (10.0..20.0).contains(c));
+    let kept: Vec<_> = (0..mesh.n_tets()).filter(|e| !inside(mesh.centroid_mm(*e))).collect();
+    mesh.tets = kept.iter().map(|e| mesh.tets[*e]).collect();
+    mesh.tags.truncate(kept.len());
+    mesh.surfaces = crate::find_surfaces::find_surfaces(&mesh).unwrap();
+    let closed = only(&mesh, &without_volume());
+    assert_eq!((closed.name(), closed.severity()), ("closed-endocardium", Severity::Error));
+    assert!(closed.remedy().contains("--remove-tags") && closed.remedy().contains("--cut-plane"), "{closed}");
 }
 
 #[test]
 fn missing_and_wrong_fibres_are_told() {
     let expected = Expected { fibres: true, ..EXPECTED };
     let mut mesh = heart();
-    assert!(only(&mesh, &expected).starts_with("the mesh has no fibres"));
+    assert_eq!(only(&mesh, &expected), Defect::NoFibres);
     let frame = Frame { fibre: [1.0, 0.0, 0.0], sheet: [0.0, 1.0, 0.0], normal: [0.0, 0.0, 1.0] };
     mesh.frames = vec![frame; mesh.n_tets()];
-    assert_eq!(told(&mesh, &expected), Vec::<String>::new());
+    assert_eq!(told(&mesh, &expected), Vec::<Defect>::new());
     mesh.frames[4].fibre = [0.0; 3];
     mesh.frames[9].fibre = [f64::NAN; 3];
-    assert!(only(&mesh, &expected).starts_with("2 contracting elements have no unit fibre, the first is element 4"));
+    let wrong = only(&mesh, &expected);
+    let mut items: Vec<Item> = wrong.places().iter().map(|place| place.item).collect();
+    items.sort_by_key(|item| if let Item::Element(e) = item { *e } else { 0 });
+    assert_eq!(items, [Item::Element(4), Item::Element(9)]);
     mesh.frames.pop();
-    assert!(only(&mesh, &expected).starts_with("fibres has "));
+    assert_eq!(only(&mesh, &expected).name(), "length");
 }
 
 #[test]
 fn wrong_tags_numbers_and_an_empty_mesh_are_told() {
     let mesh = heart();
-    let text = only(&mesh, &Expected { muscle_tags: &[7], ..EXPECTED });
-    assert_eq!(text, "no element has the tag 7; tags there are [1, 2]: correct the tag map");
+    let text = only(&mesh, &Expected { muscle_tags: &[7], ..EXPECTED }).found();
+    assert!(text.starts_with("no element with the tag 7; tags there are 1 ("), "{text}");
     let mut broken = mesh.clone();
     broken.tets[2][1] = 99_999;
-    assert!(only(&broken, &EXPECTED).starts_with("element 2 names node 99999"));
+    assert!(only(&broken, &EXPECTED).found().starts_with("element 2 with node 99999"));
     let mut broken = mesh;
     broken.nodes_mm[11][2] = f64::NAN;
-    assert!(only(&broken, &EXPECTED).starts_with("node 11 lies at"));
-    assert!(only(&TetMesh::default(), &EXPECTED).starts_with("the mesh has no elements"));
+    assert!(only(&broken, &EXPECTED).found().ends_with("no numbers: 11"));
+    assert_eq!(only(&TetMesh::default(), &EXPECTED), Defect::Empty);
+}
+
+#[test]
+fn sites_outside_of_contracting_tissue_are_told_with_the_nearest_node() {
+    let mesh = heart();
+    let inside = mesh.nodes_mm[mesh.tets[0][0] as usize];
+    let far = [500.0, 0.0, 0.0];
+    let found = activation(&mesh, &[tags::LEFT_VENTRICLE], &[inside, far], 3.0);
+    assert!(matches!(&found[..], [Defect::Site { site: 1, distance_mm, .. }] if *distance_mm > 400.0), "{found:?}");
 }

@@ -1,8 +1,9 @@
-//! Mesh files: CARP text, VTU and PVD, gmsh `.msh`, and plain lists of node values.
+//! Mesh files: CARP text, VTU and PVD, gmsh `.msh`, Medit `.mesh`, and plain lists of node values.
 
 pub mod carp;
 pub mod error;
 pub mod gmsh;
+pub mod medit;
 pub mod node_values;
 pub mod pvd;
 mod text;
@@ -16,7 +17,7 @@ use std::path::Path;
 
 use crate::tet_mesh::TetMesh;
 
-/// Reads a `.vtu` or `.msh` file, or CARP files of a stem; elements that are all the wrong way round are turned.
+/// Reads a `.vtu`, `.msh` or `.mesh` file, or CARP files of a stem; elements that are all the wrong way round are turned.
 ///
 /// # Errors
 /// [`MeshFileError`] with file and line.
@@ -24,6 +25,7 @@ pub fn read(path: &Path, unit: LengthUnit) -> Result<TetMesh, MeshFileError> {
     let mut mesh = match path.extension().and_then(|e| e.to_str()) {
         Some("vtu") => vtu::read(path, unit)?.mesh,
         Some("msh") => gmsh::read(path, unit)?,
+        Some("mesh") => medit::read(path, unit)?,
         _ => carp::read(path, unit)?,
     };
     mesh.orient_if_all_negative();

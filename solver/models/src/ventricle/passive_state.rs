@@ -79,11 +79,7 @@ pub struct PassiveStateInput {
     pub mode: PassiveStateMode,
 }
 
-/// Unloaded volume after Klotz 2006: V0 = EDV (0.6 − 0.006 EDP), EDP in mmHg.
-#[must_use]
-pub fn klotz_unloaded_volume(end_diastolic_volume: Ml, end_diastolic_pressure: Mmhg) -> Ml {
-    Ml(end_diastolic_volume.0 * (0.6 - 0.006 * end_diastolic_pressure.0))
-}
+pub use cardiotwin_signals::image::klotz_unloaded_volume;
 
 impl OneFibrePassive {
     /// Fits the law through (V0, 0) and the loaded state, and through the diastasis point where that is possible (a volume

@@ -25,6 +25,7 @@ use cardiotwin_schemas::muscle::MuscleLaw;
 use cardiotwin_schemas::outcome::Estimate;
 use cardiotwin_schemas::settings::StartMode;
 use cardiotwin_schemas::task::PassiveStateSpec;
+use cardiotwin_signals::image::is_before_end_diastole;
 use cardiotwin_units::{MMHG_PER_KPA, Ml, Mmhg};
 
 use super::own_mesh::{Taken, take};
@@ -79,8 +80,8 @@ impl Target {
             (StartMode::Diastasis, Some(volume), _) => loaded(volume),
             (StartMode::EndDiastole, Some(volume), Some(pressure)) => {
                 let unloaded_ml = klotz_unloaded_volume(Ml(end.volume_ml), Mmhg(end.pressure_mmhg)).0;
-                let below = pressure > 0.0 && pressure < end.pressure_mmhg;
-                if below && volume < end.volume_ml && volume > unloaded_ml {
+                let at_end = (Ml(end.volume_ml), Mmhg(end.pressure_mmhg));
+                if is_before_end_diastole((Ml(volume), Mmhg(pressure)), at_end) {
                     return Self {
                         image_ml: volume,
                         image_pressure_mmhg: pressure,

@@ -1,10 +1,9 @@
 //! A patient's own mesh: read with the content that was planned, checked, its tags and surfaces made ours.
 
-use cardiotwin_mesh::NodeFibres;
-use cardiotwin_mesh::checks::{Expected, check};
+use cardiotwin_mesh::checks::Severity;
 use cardiotwin_mesh::eikonal::Site;
-use cardiotwin_mesh::files::{self, LengthUnit, MeshFileError, node_values};
-use cardiotwin_mesh::find_surfaces::find_surfaces;
+use cardiotwin_mesh::files::{LengthUnit, MeshFileError};
+use cardiotwin_mesh::intake::{self, Activation, Asked, Fibres, SITE_RADIUS_MM};
 use cardiotwin_mesh::order::Renumbering;
 use cardiotwin_mesh::tags;
 use cardiotwin_mesh::tet_mesh::{TetMesh, surface_names};
@@ -16,13 +15,6 @@ use super::passive_tags;
 use crate::error::TaskError;
 use crate::finite_element::FiniteElementError;
 use crate::inputs::read_verified;
-
-/// How far the mesh's cavity may be from the measured volume, a share of it.
-const CAVITY_TOLERANCE: f64 = 0.1;
-/// Radius of a site of activation \[mm\].
-const SITE_RADIUS_MM: f64 = 3.0;
-/// Surfaces without which there is no ventricle.
-const NEEDED: [&str; 3] = [surface_names::ENDOCARDIUM, surface_names::EPICARDIUM, surface_names::RIM];
 
 /// A mesh ready for fibres and activation.
 pub(super) struct Taken {
@@ -54,41 +46,31 @@ pub(super) fn take(own: &OwnMesh, measured_ml: f64, passive: &PassiveTissues) ->
         refused(format!("unit {:?}, expected one of {}", own.unit, known.join(", ")))
     })?;
     let unreadable = |error: MeshFileError| refused(error.to_string());
-    let of_carp = first.path.extension().is_some_and(|e| e == "pts");
-    let named = if of_carp { first.path.with_extension("") } else { first.path.clone() };
-    let mut mesh = files::read(&named, unit).map_err(unreadable)?;
-    if NEEDED.iter().any(|name| mesh.surface(name).is_none()) {
-        let found = find_surfaces(&mesh).map_err(|error| refused(error.to_string()))?;
-        mesh.surfaces.retain(|s| s.name == surface_names::SEPTUM);
-        mesh.surfaces.extend(found);
-    }
-    if own.fibres == MeshFibres::Rule {
-        mesh.frames.clear();
-        mesh.fibres = NodeFibres::PerElement;
-    }
-    let expected = Expected {
-        muscle_tags: &own.left_ventricle,
-        fibres: own.fibres == MeshFibres::Mesh,
-        surfaces: &NEEDED,
-        cavity: Some((Ml(measured_ml), CAVITY_TOLERANCE)),
+    let activation = match &own.activation_times {
+        Some(file) => Activation::Times(&file.path),
+        None => Activation::Sites(&own.activation_sites_mm),
     };
-    let defects: Vec<String> = check(&mesh, unit, &expected).iter().map(|defect| format!("- {defect}")).collect();
-    if !defects.is_empty() {
-        return Err(refused(format!("{} cannot be computed with:\n{}", first.path.display(), defects.join("\n"))));
+    let fibres = match own.fibres {
+        MeshFibres::Auto => Fibres::Auto,
+        MeshFibres::Mesh => Fibres::Mesh,
+        MeshFibres::Rule => Fibres::Rule,
+    };
+    let left_ventricle = &own.left_ventricle;
+    let asked = Asked { unit, left_ventricle, fibres, cavity: Some(Ml(measured_ml)), wall: None, activation };
+    // `cardiotwin check` looks with the same function, before anything waits in a queue.
+    let taken = intake::read(&first.path, &asked).map_err(unreadable)?;
+    if !taken.is_sound() {
+        let errors = taken.defects.iter().filter(|defect| defect.severity() == Severity::Error);
+        let lines: Vec<String> = errors.map(|defect| format!("- {defect}")).collect();
+        return Err(refused(format!("{} cannot be computed with:\n{}", first.path.display(), lines.join("\n"))));
     }
+    let (mut mesh, times) = (taken.mesh, taken.times_ms);
     let contracts = |tag: i32| own.left_ventricle.contains(&tag);
     passive_tags::check(passive, mesh.tags.iter().copied().filter(|tag| !contracts(*tag)))
         .map_err(TaskError::FiniteElement)?;
     for tag in &mut mesh.tags {
         *tag = if contracts(*tag) { tags::LEFT_VENTRICLE } else { passive_tags::ours(passive, *tag) };
     }
-    let times = match &own.activation_times {
-        Some(file) => Some(node_values::read(&file.path, mesh.n_nodes()).map_err(unreadable)?),
-        None if own.activation_sites_mm.is_empty() => {
-            return Err(refused("neither activation times nor sites, expected one of them".to_owned()));
-        }
-        None => None,
-    };
     let order = Renumbering::reverse_cuthill_mckee(&mesh);
     let mesh = order.apply(&mesh);
     let times_ms = times.map(|t| order.nodes.iter().map(|old| t[*old as usize]).collect());

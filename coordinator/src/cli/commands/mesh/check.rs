@@ -1,0 +1,105 @@
+//! `cardiotwin mesh check`: everything that step 0 would find wrong with a mesh, and its figures.
+
+use std::path::Path;
+
+use cardiotwin_mesh::intake::{self, Activation, Asked, Fibres, Intake};
+use cardiotwin_units::Ml;
+use clap::{Args, ValueEnum};
+use serde::Serialize;
+
+use super::file::Source;
+use super::parse;
+use super::summary::{Figures, Told};
+use crate::cli::error::CliError;
+use crate::cli::exit::Exit;
+use crate::cli::problems;
+use crate::cli::talk::{Talk, count};
+use crate::input::{Report, mesh_problem};
+
+/// Say what is wrong with a mesh, all at once: place, expectation and remedy of each defect; and its figures
+///
+/// The checks are those of step 0 and of `cardiotwin check`, which knows tags, volumes and activation from patient.toml.
+#[derive(Debug, Args)]
+pub struct CheckArgs {
+    #[command(flatten)]
+    source: Source,
+    /// Tags of contracting tissue, separated by commas; without them tags are not looked at
+    #[arg(long, value_name = "TAGS", value_delimiter = ',', allow_hyphen_values = true)]
+    left_ventricle: Vec<i32>,
+    /// Where fibres are to come from
+    #[arg(long, value_name = "WHENCE", value_enum, default_value_t = Whence::Auto)]
+    fibres: Whence,
+    /// Volume that the cavity should have, in mL
+    #[arg(long, value_name = "ML", value_parser = parse::positive)]
+    cavity_ml: Option<f64>,
+    /// Volume that the contracting wall should have, in mL
+    #[arg(long, value_name = "ML", value_parser = parse::positive)]
+    wall_ml: Option<f64>,
+    /// One JSON object with every place of every defect
+    #[arg(long)]
+    json: bool,
+}
+
+/// Where fibres come from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Whence {
+    /// The mesh's own where it has some
+    Auto,
+    /// The mesh's own
+    Mesh,
+    /// A rule
+    Rule,
+}
+
+#[derive(Serialize)]
+struct Answer<'a> {
+    schema_version: u32,
+    file: &'a Path,
+    mesh: &'a Figures,
+    defects: Vec<Told>,
+}
+
+/// Checks.
+///
+/// # Errors
+/// When the file is no mesh, or stdout cannot be written.
+pub fn execute(args: &CheckArgs, talk: &Talk) -> Result<Exit, CliError> {
+    let asked = Asked {
+        unit: args.source.length_unit()?,
+        left_ventricle: &args.left_ventricle,
+        fibres: match args.fibres {
+            Whence::Auto => Fibres::Auto,
+            Whence::Mesh => Fibres::Mesh,
+            Whence::Rule => Fibres::Rule,
+        },
+        cavity: args.cavity_ml.map(Ml),
+        wall: args.wall_ml.map(Ml).filter(|_| !args.left_ventricle.is_empty()),
+        activation: Activation::Unasked,
+    };
+    let file = &args.source.file;
+    let intake = intake::look(args.source.read()?, &asked);
+    tell(&intake, file, args.json, talk)
+}
+
+/// Prints figures and defects; the exit code says whether the mesh can be computed with.
+pub fn tell(intake: &Intake, file: &Path, json: bool, talk: &Talk) -> Result<Exit, CliError> {
+    let figures = Figures::of(intake);
+    if json {
+        let defects = intake.defects.iter().map(Told::of).collect();
+        let schema_version = cardiotwin_schemas::SCHEMA_VERSION;
+        talk.json(&Answer { schema_version, file, mesh: &figures, defects })?;
+    } else {
+        let mut report = Report::default();
+        intake.defects.iter().for_each(|defect| report.add(None, mesh_problem(file, defect)));
+        talk.data(&figures.text())?;
+        talk.data(&problems::text(&report, talk.colour_out))?;
+        let (errors, warnings) = (report.n_errors(), report.n_warnings());
+        if errors + warnings == 0 {
+            talk.data(&format!("{}: nothing to complain about\n", file.display()))?;
+        } else {
+            let (errors, warnings) = (count(errors, "error"), count(warnings, "warning"));
+            talk.data(&format!("{}: {errors}, {warnings}\n", file.display()))?;
+        }
+    }
+    Ok(if intake.is_sound() { Exit::Ok } else { Exit::Problems })
+}

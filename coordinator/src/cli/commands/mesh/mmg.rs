@@ -1,0 +1,105 @@
+//! mmg3d as a program of its own: found, called in a temporary folder, its answer read.
+
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use cardiotwin_mesh::files::{MeshFileError, medit};
+use cardiotwin_mesh::{LengthUnit, TetMesh, transfer};
+
+use crate::cli::error::CliError;
+
+/// Names under which it is installed.
+const NAMES: [&str; 2] = ["mmg3d_O3", "mmg3d"];
+/// Lines of its output that a message repeats.
+const SHOWN: usize = 6;
+
+/// mmg could not be asked, or did not answer.
+#[derive(Debug, thiserror::Error)]
+pub enum MmgError {
+    /// Not installed.
+    #[error(
+        "mmg3d is not in PATH; install it with `pip install mmgpy` or from https://www.mmgtools.org, or name it with --mmg3d"
+    )]
+    Missing,
+    /// Not started.
+    #[error("{program} does not start")]
+    Start {
+        /// Which.
+        program: PathBuf,
+        /// Why.
+        source: std::io::Error,
+    },
+    /// Ended with an error.
+    #[error("{program} made no mesh; it said:\n{said}")]
+    Failed {
+        /// Which.
+        program: PathBuf,
+        /// Its last words.
+        said: String,
+    },
+    /// The exchange of files.
+    #[error("the exchange of files with mmg3d")]
+    File(#[from] MeshFileError),
+    /// A place for the exchange.
+    #[error("no temporary folder for mmg3d")]
+    Folder(#[source] std::io::Error),
+}
+
+/// The program: the one that was named, else the first in PATH.
+///
+/// # Errors
+/// [`MmgError::Missing`].
+pub fn program(named: Option<&Path>) -> Result<PathBuf, CliError> {
+    if let Some(named) = named {
+        return Ok(named.to_owned());
+    }
+    let path = std::env::var_os("PATH").unwrap_or_default();
+    let folders: Vec<PathBuf> = std::env::split_paths(&path).collect();
+    let places = NAMES.iter().flat_map(|name| folders.iter().map(move |folder| folder.join(name)));
+    places.into_iter().find(|place| place.is_file()).ok_or_else(|| MmgError::Missing.into())
+}
+
+/// Another mesh of the same body with edges of about `edge_mm`, its surface within `distance_mm` of the old one: tags and surfaces
+/// by mmg's references, directions from the nearest old element.
+///
+/// # Errors
+/// [`MmgError`].
+pub fn remesh(program: &Path, old: &TetMesh, edge_mm: f64, distance_mm: f64) -> Result<TetMesh, CliError> {
+    let folder = tempfile::tempdir().map_err(MmgError::Folder)?;
+    let (given, made) = (folder.path().join("given.mesh"), folder.path().join("made.mesh"));
+    medit::write(old, &given).map_err(MmgError::from)?;
+    let output = Command::new(program)
+        .args(["-v", "1", "-hsiz", &edge_mm.to_string(), "-hausd", &distance_mm.to_string()])
+        .arg("-in")
+        .arg(&given)
+        .arg("-out")
+        .arg(&made)
+        .output()
+        .map_err(|source| MmgError::Start { program: program.to_owned(), source })?;
+    if !output.status.success() || !made.is_file() {
+        let said = [output.stdout, output.stderr].concat();
+        let said = String::from_utf8_lossy(&said);
+        let lines: Vec<&str> = said.lines().map(str::trim).filter(|line| !line.is_empty()).collect();
+        let said = lines[lines.len().saturating_sub(SHOWN)..].join("\n");
+        return Err(MmgError::Failed { program: program.to_owned(), said }.into());
+    }
+    let mut mesh = medit::read(&made, LengthUnit::Millimetre).map_err(MmgError::from)?;
+    mesh.surfaces.retain_mut(|surface| {
+        let number = surface.name.strip_prefix(medit::SURFACE_PREFIX).and_then(|n| n.parse::<usize>().ok());
+        match number.and_then(|n| old.surfaces.get(n.wrapping_sub(1))) {
+            Some(named) => {
+                surface.name.clone_from(&named.name);
+                true
+            }
+            None => false,
+        }
+    });
+    mesh.frames = transfer::frames(old, &mesh);
+    Ok(mesh)
+}
+
+impl From<MmgError> for CliError {
+    fn from(error: MmgError) -> Self {
+        Self::Mmg(error)
+    }
+}

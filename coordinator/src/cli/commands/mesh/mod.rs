@@ -1,0 +1,48 @@
+//! `cardiotwin mesh`: a patient's own mesh looked at, mended, meshed anew, refined.
+
+mod check;
+mod file;
+mod mmg;
+mod parse;
+mod refine;
+mod remesh;
+mod repair;
+mod summary;
+
+use clap::{Args, Subcommand};
+
+use crate::cli::error::CliError;
+use crate::cli::exit::Exit;
+use crate::cli::talk::Talk;
+
+pub use file::MeshFileCommandError;
+pub use mmg::MmgError;
+
+/// Check, repair, mesh anew or refine a tetrahedral mesh of a left ventricle
+#[derive(Debug, Args)]
+pub struct MeshArgs {
+    #[command(subcommand)]
+    command: MeshCommand,
+}
+
+#[derive(Debug, Subcommand)]
+enum MeshCommand {
+    Check(check::CheckArgs),
+    Repair(Box<repair::RepairArgs>),
+    Remesh(remesh::RemeshArgs),
+    Refine(refine::RefineArgs),
+}
+
+/// Does it.
+///
+/// # Errors
+/// [`CliError::Mesh`] for files, [`CliError::Mmg`] where mmg is asked for and is not there or fails, [`CliError::Usage`] for
+/// arguments that contradict each other.
+pub fn execute(args: &MeshArgs, talk: &Talk) -> Result<Exit, CliError> {
+    match &args.command {
+        MeshCommand::Check(args) => check::execute(args, talk),
+        MeshCommand::Repair(args) => repair::execute(args, talk),
+        MeshCommand::Remesh(args) => remesh::execute(args, talk),
+        MeshCommand::Refine(args) => refine::execute(args, talk),
+    }
+}

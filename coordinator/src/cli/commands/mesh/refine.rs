@@ -1,0 +1,39 @@
+//! `cardiotwin mesh refine`: every edge halved, with surfaces, tags and fibres.
+
+use cardiotwin_mesh::refine::halve_edges;
+use clap::Args;
+
+use super::file::{Source, Target};
+use super::remesh::tell_written;
+use crate::cli::error::CliError;
+use crate::cli::exit::Exit;
+use crate::cli::talk::Talk;
+
+/// Halve every edge: eight elements of one, with surfaces, tags and fibres; facets stay where they are
+#[derive(Debug, Args)]
+pub struct RefineArgs {
+    #[command(flatten)]
+    source: Source,
+    #[command(flatten)]
+    target: Target,
+    /// How many times
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..=4))]
+    times: u8,
+    /// One JSON object with the figures of what was written
+    #[arg(long)]
+    json: bool,
+}
+
+/// Refines and writes.
+///
+/// # Errors
+/// When a file cannot be read or written.
+pub fn execute(args: &RefineArgs, talk: &Talk) -> Result<Exit, CliError> {
+    args.target.refuse_existing()?;
+    let mut mesh = args.source.read()?;
+    for _ in 0..args.times {
+        mesh = halve_edges(&mesh);
+    }
+    args.target.write(&mesh)?;
+    tell_written(mesh, &args.target.out, args.json, talk)
+}

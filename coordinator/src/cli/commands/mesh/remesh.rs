@@ -1,0 +1,94 @@
+//! `cardiotwin mesh remesh`: another mesh of the same body, by mmg.
+
+use std::path::{Path, PathBuf};
+
+use cardiotwin_mesh::intake::{self, Activation, Asked, Fibres};
+use cardiotwin_mesh::{LengthUnit, TetMesh};
+use clap::Args;
+
+use super::file::{Source, Target};
+use super::{check, mmg, parse};
+use crate::cli::error::CliError;
+use crate::cli::exit::Exit;
+use crate::cli::talk::Talk;
+
+/// Calls of mmg after which a number of nodes is as near as it gets.
+const CALLS: usize = 4;
+/// How far the number of nodes may be from what was asked for, as a share.
+const NEAR: f64 = 0.1;
+
+/// Mesh the same body anew, to an edge length or a number of nodes, with the program mmg3d
+///
+/// Tags and surfaces are kept, fibres are taken from the nearest old element. mmg3d is free software: `pip install mmgpy`, or
+/// https://www.mmgtools.org.
+#[derive(Debug, Args)]
+#[command(group(clap::ArgGroup::new("size").required(true).args(["edge_mm", "nodes"])))]
+pub struct RemeshArgs {
+    #[command(flatten)]
+    source: Source,
+    #[command(flatten)]
+    target: Target,
+    /// Length of edges, in mm
+    #[arg(long, value_name = "MM", value_parser = parse::positive)]
+    edge_mm: Option<f64>,
+    /// About so many nodes
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(100..))]
+    nodes: Option<u32>,
+    /// How far the new surface may be from the old one, in mm [default: a twentieth of the edge]
+    #[arg(long, value_name = "MM", value_parser = parse::positive)]
+    distance_mm: Option<f64>,
+    /// The program [default: mmg3d_O3 or mmg3d in PATH]
+    #[arg(long, value_name = "PATH")]
+    mmg3d: Option<PathBuf>,
+    /// One JSON object with the figures of what was written
+    #[arg(long)]
+    json: bool,
+}
+
+/// Meshes anew and writes.
+///
+/// # Errors
+/// When a file cannot be read or written, or mmg is not there or fails.
+pub fn execute(args: &RemeshArgs, talk: &Talk) -> Result<Exit, CliError> {
+    args.target.refuse_existing()?;
+    let program = mmg::program(args.mmg3d.as_deref())?;
+    let old = args.source.read()?;
+    let call = |edge_mm: f64| mmg::remesh(&program, &old, edge_mm, args.distance_mm.unwrap_or(edge_mm / 20.0));
+    let mesh = match (args.edge_mm, args.nodes) {
+        (Some(edge_mm), _) => call(edge_mm)?,
+        (None, Some(wanted)) => {
+            let wanted = f64::from(wanted);
+            let mut edge_mm = old.mean_edge_mm() * (old.n_nodes() as f64 / wanted).cbrt();
+            let mut best: Option<(f64, TetMesh)> = None;
+            for _ in 0..CALLS {
+                let mesh = call(edge_mm)?;
+                let share = mesh.n_nodes() as f64 / wanted;
+                let off = share.ln().abs();
+                if best.as_ref().is_none_or(|(least, _)| off < *least) {
+                    best = Some((off, mesh));
+                }
+                if off <= NEAR.ln_1p() {
+                    break;
+                }
+                edge_mm *= share.cbrt();
+            }
+            best.map(|(_, mesh)| mesh).unwrap_or_default()
+        }
+        (None, None) => return Err(CliError::Usage("give --edge-mm or --nodes".to_owned())),
+    };
+    args.target.write(&mesh)?;
+    tell_written(mesh, &args.target.out, args.json, talk)
+}
+
+/// Figures and defects of a mesh that was written.
+pub fn tell_written(mesh: TetMesh, out: &Path, json: bool, talk: &Talk) -> Result<Exit, CliError> {
+    let asked = Asked {
+        unit: LengthUnit::Millimetre,
+        left_ventricle: &[],
+        fibres: Fibres::Auto,
+        cavity: None,
+        wall: None,
+        activation: Activation::Unasked,
+    };
+    check::tell(&intake::look(mesh, &asked), out, json, talk)
+}

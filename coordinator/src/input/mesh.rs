@@ -1,0 +1,132 @@
+//! A patient's own mesh, looked at as step 0 will: every defect before anything waits in a queue.
+
+use std::path::Path;
+
+use cardiotwin_mesh::checks::{Defect, Severity};
+use cardiotwin_mesh::files::LengthUnit;
+use cardiotwin_mesh::intake::{self, Activation, Asked, Fibres};
+use cardiotwin_schemas::finite_element::MeshFibres;
+use cardiotwin_schemas::patient::{PatientFile, PatientMesh};
+use cardiotwin_schemas::settings::StartMode;
+use cardiotwin_signals::image::is_before_end_diastole;
+use cardiotwin_signals::read::read_trace;
+use cardiotwin_signals::resample::STEP;
+use cardiotwin_signals::{BiomarkerSet, Continuation, Problem, Quantity, Trace, resample};
+use cardiotwin_units::{Ml, Mmhg, Ms};
+
+use super::document::Document;
+use super::layers::line_of;
+use super::report::Report;
+
+/// Reports every defect of the patient's mesh, if there is one whose files are there.
+pub fn check(file: &PatientFile, folder: &Path, start: StartMode, document: &Document, report: &mut Report) {
+    let Some(mesh) = &file.anatomy.mesh else { return };
+    let Some(unit) = LengthUnit::from_symbol(&mesh.unit) else { return }; // told by whoever looks at values
+    let patient = folder.file_name().and_then(|name| name.to_str());
+    let path = folder.join(&mesh.file);
+    let times = mesh.activation_times_ms.as_ref().map(|name| folder.join(name));
+    let activation = match &times {
+        Some(times) if times.is_file() => Activation::Times(times),
+        None if !mesh.activation_sites_mm.is_empty() => Activation::Sites(&mesh.activation_sites_mm),
+        _ => Activation::Unasked, // told by whoever looks at values
+    };
+    let fibres = match mesh.fibres {
+        MeshFibres::Auto => Fibres::Auto,
+        MeshFibres::Mesh => Fibres::Mesh,
+        MeshFibres::Rule => Fibres::Rule,
+    };
+    let asked = Asked {
+        unit,
+        left_ventricle: &mesh.left_ventricle,
+        fibres,
+        cavity: imaged_volume(file, folder, start),
+        wall: file.anatomy.wall_volume_ml.map(Ml),
+        activation,
+    };
+    let told_at = |mut problem: Problem, key: &str| {
+        problem.key = Some(key.to_owned());
+        problem.line = Some(line_of(document, key)).filter(|line| *line > 0);
+        problem
+    };
+    match intake::read(&path, &asked) {
+        Ok(intake) => {
+            for defect in &intake.defects {
+                report.add(patient, told_at(problem(&document.file, defect), key_of(defect, mesh)));
+            }
+        }
+        Err(error) => {
+            // A file that is not there is told by whoever looks at values.
+            let there = [path.clone(), path.with_extension("pts")].iter().any(|path| path.is_file())
+                || with_ending(&path, ".pts").is_file();
+            if there {
+                let (found, expected) = (chain(&error), "a mesh of tetrahedra");
+                let remedy = "write the file again; formats: CARP text, VTU, gmsh .msh, Medit .mesh";
+                let problem = Problem::error(&document.file, found, expected, remedy);
+                report.add(patient, told_at(problem, "anatomy.mesh.file"));
+            }
+        }
+    }
+}
+
+fn with_ending(path: &Path, ending: &str) -> std::path::PathBuf {
+    let mut name = path.as_os_str().to_owned();
+    name.push(ending);
+    name.into()
+}
+
+fn chain(error: &dyn std::error::Error) -> String {
+    let cause = error.source().map(|source| format!(": {source}")).unwrap_or_default();
+    format!("{error}{cause}")
+}
+
+/// A defect as a problem of the patient's file.
+pub fn problem(file: &Path, defect: &Defect) -> Problem {
+    let make = match defect.severity() {
+        Severity::Error => Problem::error,
+        Severity::Warning => Problem::warning,
+    };
+    make(file, defect.found(), defect.expected(), defect.remedy())
+}
+
+/// The key whose value is to be looked at.
+fn key_of(defect: &Defect, mesh: &PatientMesh) -> &'static str {
+    match defect {
+        Defect::NoTag { .. } => "anatomy.mesh.left_ventricle",
+        Defect::Size { .. } => "anatomy.mesh.unit",
+        Defect::NoFibres | Defect::FibreLength { .. } => "anatomy.mesh.fibres",
+        Defect::Site { .. } => "anatomy.mesh.activation_sites_mm",
+        Defect::Times { .. } if mesh.activation_times_ms.is_some() => "anatomy.mesh.activation_times_ms",
+        Defect::Wall { .. } => "anatomy.wall_volume_mL",
+        _ => "anatomy.mesh.file",
+    }
+}
+
+/// Volume of the cavity in the state that the mesh shows, as step 0 has it; none where nothing tells it. Corrections of traces
+/// that were accepted for the patient are left out: they are far smaller than the tolerance.
+fn imaged_volume(file: &PatientFile, folder: &Path, start: StartMode) -> Option<Ml> {
+    let measured = &file.measured;
+    let given = measured.biomarkers.unwrap_or_default();
+    let periodic = Continuation::periodic(Ms(file.cycle_length_ms));
+    let read = |name: &Option<String>, quantity| -> Option<Trace> {
+        let trace = read_trace(&folder.join(name.as_ref()?), quantity).trace?;
+        resample(&trace, periodic, STEP).ok()
+    };
+    let pressure = read(&measured.pressure, Quantity::Pressure);
+    let volume = read(&measured.volume, Quantity::Volume);
+    let of_traces = BiomarkerSet::of_samples(pressure.as_ref(), volume.as_ref(), periodic).ok();
+    let edv = given.edv_ml.map(Ml).or(of_traces.as_ref().and_then(|set| set.edv));
+    let edv = edv.or(measured.end_diastolic_volume_ml.map(Ml));
+    let edp = measured.end_diastolic_pressure_mmhg.or(given.edp_mmhg).map(Mmhg);
+    let edp = edp.or(of_traces.as_ref().and_then(|set| set.edp));
+    let Some(image) = &measured.diastasis else { return edv };
+    let at_image = pressure.as_ref().map(|trace| Mmhg(trace.at(image.time_ms)));
+    match (start, edv, edp, at_image) {
+        (StartMode::Diastasis, ..) | (_, None, ..) => Some(Ml(image.volume_ml)),
+        (StartMode::EndDiastole, Some(edv), Some(edp), Some(pressure))
+            if is_before_end_diastole((Ml(image.volume_ml), pressure), (edv, edp)) =>
+        {
+            Some(Ml(image.volume_ml))
+        }
+        (StartMode::EndDiastole, edv, ..) => edv,
+    }
+}

@@ -1,0 +1,108 @@
+#!/usr/bin/env python3
+"""From a segmented image of a left ventricle to tetrahedra: a label image (NIfTI) or its surface (STL) in, a Medit mesh out.
+
+The myocardium's surface is taken from the labels by marching cubes, and its inside filled by fTetWild, which keeps within a
+distance of the surface and never fails on a rough one. `cardiotwin mesh repair` then cuts the base flat and names the surfaces.
+
+    python mesh_from_image.py labels.nii.gz --myocardium 1 --edge-mm 4 --out heart.mesh
+    python mesh_from_image.py wall.stl --edge-mm 4 --out heart.mesh
+"""
+
+import argparse
+import struct
+import sys
+from pathlib import Path
+
+import numpy as np
+
+
+def surface_of_labels(path, labels, voxel_mm, smooth_mm):
+    """Points (mm, the image's own world) and triangles of the boundary of some labels."""
+    import nibabel
+    from scipy.ndimage import gaussian_filter, label as pieces, zoom
+    from skimage.measure import marching_cubes
+
+    image = nibabel.load(path)
+    inside = np.isin(np.rint(np.asarray(image.dataobj)).astype(int), labels)
+    if not inside.any():
+        found = np.unique(np.rint(np.asarray(image.dataobj)).astype(int)).tolist()
+        sys.exit(f"{path}: no voxel has one of the labels {labels}; labels there are {found}")
+    # islands that the segmentation left: the largest piece is the heart
+    numbered, n = pieces(inside)
+    if n > 1:
+        sizes = np.bincount(numbered.ravel())[1:]
+        print(f"{n - 1} islands of {sizes.sum() - sizes.max()} voxels left out", file=sys.stderr)
+        inside = numbered == 1 + sizes.argmax()
+    sides_mm = np.sqrt((image.affine[:3, :3] ** 2).sum(axis=0))
+    inside = np.pad(inside.astype(np.float32), 2)
+    # thick slices are resampled before they are smoothed, so that steps between them do not become ridges
+    factors = np.maximum(sides_mm / voxel_mm, 1.0)
+    fine = zoom(inside, factors, order=1, grid_mode=True, mode="nearest")
+    fine = gaussian_filter(fine, smooth_mm / (sides_mm / factors))
+    points, triangles, _, _ = marching_cubes(fine, 0.5)
+    voxels = (points + 0.5) / factors - 0.5 - 2
+    return voxels @ image.affine[:3, :3].T + image.affine[:3, 3], triangles
+
+
+def surface_of_stl(path, unit_mm):
+    """Points (mm) and triangles of an STL file, text or binary; equal corners are merged."""
+    data = Path(path).read_bytes()
+    n = struct.unpack_from("<I", data, 80)[0] if len(data) >= 84 else -1
+    if len(data) == 84 + 50 * n:
+        record = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+        corners = np.frombuffer(data, record, n, 84)["corners"].reshape(-1, 3)
+    else:
+        rows = [line.split()[1:4] for line in data.decode().splitlines() if line.strip().startswith("vertex")]
+        corners = np.array(rows, float)
+    points, index = np.unique(np.round(corners.astype(float) * unit_mm, 4), axis=0, return_inverse=True)
+    return points, index.reshape(-1, 3)
+
+
+def tetrahedra(points, triangles, edge_mm, distance_mm):
+    """fTetWild: edges of about `edge_mm`, the surface within `distance_mm`."""
+    import pytetwild
+
+    diagonal = np.linalg.norm(np.ptp(points, axis=0))
+    nodes, tets = pytetwild.tetrahedralize(
+        np.ascontiguousarray(points, float),
+        np.ascontiguousarray(triangles, np.int32),
+        edge_length_fac=edge_mm / diagonal,
+        epsilon=distance_mm / diagonal,
+        quiet=True,
+    )[:2]
+    return np.asarray(nodes), np.asarray(tets)
+
+
+def write_medit(path, nodes, tets, tag):
+    with open(path, "w", encoding="ascii") as out:
+        out.write(f"MeshVersionFormatted 2\nDimension 3\nVertices\n{len(nodes)}\n")
+        np.savetxt(out, np.c_[nodes, np.zeros(len(nodes))], fmt="%.9g %.9g %.9g %d")
+        out.write(f"Tetrahedra\n{len(tets)}\n")
+        np.savetxt(out, np.c_[tets + 1, np.full(len(tets), tag)], fmt="%d")
+        out.write("End\n")
+
+
+def main():
+    ask = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    ask.add_argument("input", type=Path, help="label image (.nii, .nii.gz) or surface of the wall (.stl)")
+    ask.add_argument("--myocardium", default="1", help="labels of the left ventricle's wall, separated by commas")
+    ask.add_argument("--unit-mm", type=float, default=1.0, help="length of an STL file's unit in mm")
+    ask.add_argument("--edge-mm", type=float, default=4.0, help="length of edges")
+    ask.add_argument("--voxel-mm", type=float, default=1.0, help="labels are resampled to at most this size")
+    ask.add_argument("--smooth-mm", type=float, default=1.0, help="standard deviation of the labels' smoothing")
+    ask.add_argument("--distance-mm", type=float, default=0.3, help="how far the mesh may be from the surface")
+    ask.add_argument("--out", type=Path, required=True, help="Medit file in mm")
+    args = ask.parse_args()
+    if args.input.suffix == ".stl":
+        points, triangles = surface_of_stl(args.input, args.unit_mm)
+    else:
+        labels = [int(label) for label in args.myocardium.split(",")]
+        points, triangles = surface_of_labels(args.input, labels, args.voxel_mm, args.smooth_mm)
+    print(f"surface: {len(points)} points, {len(triangles)} triangles", file=sys.stderr)
+    nodes, tets = tetrahedra(points, triangles, args.edge_mm, args.distance_mm)
+    write_medit(args.out, nodes, tets, 1)
+    print(f"{args.out}: {len(nodes)} nodes, {len(tets)} tetrahedra, in mm", file=sys.stderr)
+
+
+if __name__ == "__main__":
+    main()
