@@ -16,6 +16,8 @@ use crate::time_integration::Motion;
 /// A step so long that inertia and damping vanish \[ms\].
 const FOREVER_MS: f64 = 1e7;
 
+/// Distance of a node from its place in the image at which a load step towards the image's pressure may follow \[mm\].
+const NEAR_MM: f64 = 0.5;
 /// Most steps of a relaxation.
 const MOST_RELAXATIONS: usize = 60;
 
@@ -327,10 +329,10 @@ impl PassiveState {
                     (0..3).for_each(|i| x[i] += ratio * (x[i] - b[i]));
                 }
             }
-            let last_resort = 0.5 * (target - reached) < search.settings.smallest_load;
+            let patient = load < search.settings.first_load;
             let attempt = Self::at(piece, wall, &start, self.anchor.clone()).and_then(|next| {
                 let mut next = next.after(self);
-                next.meet_image(piece, wall, target * pressure_kpa, [target == 1.0, last_resort], search)?;
+                next.meet_image(piece, wall, target * pressure_kpa, [target == 1.0, patient], search)?;
                 Ok(next)
             });
             match attempt {
@@ -354,8 +356,8 @@ impl PassiveState {
 
     /// Passes of backward displacement at one pressure.
     ///
-    /// - `tight`: until the image is met; otherwise a single pass
-    /// - `patient`: relaxes the wall where Newton's method finds no equilibrium
+    /// - `tight`: until the image is met; otherwise a single pass, or, with `patient`, until it is nearly met
+    /// - `patient`: relaxes the wall, too, where Newton's method finds no equilibrium
     fn meet_image(
         &mut self,
         piece: &Piece<'_>,
@@ -406,7 +408,7 @@ impl PassiveState {
             let moved: Vec<f64> = self.dynamics.body.reference().iter().zip(&change).map(|(x, c)| x + c).collect();
             let anchor = self.anchor.iter().zip(&rigid).map(|(anchor, rigid)| anchor - rigid).collect();
             *self = Self::at(piece, wall, moved.as_chunks::<3>().0, anchor)?.after(self);
-            if !tight {
+            if !tight && (!patient || distance_mm <= NEAR_MM) {
                 return Ok(());
             }
         }
