@@ -89,7 +89,11 @@ impl FiniteElementError {
             | Self::OwnMesh { .. }
             | Self::StiffnessOfAnotherLaw { .. }
             | Self::PassiveTag { .. }
-            | Self::PassiveState(PassiveStateError::NoStiffness { .. } | PassiveStateError::NoExponents { .. }) => {
+            | Self::PassiveState(PassiveStateError::NoExponents { .. }) => FailureClass::Input,
+            // A volume that was not found says nothing of the patient's data.
+            Self::PassiveState(PassiveStateError::NoStiffness { at_low_ml, at_high_ml, .. })
+                if at_low_ml.is_finite() && at_high_ml.is_finite() =>
+            {
                 FailureClass::Input
             }
             Self::Fibres(_) | Self::Activation(_) | Self::Potentials(_) | Self::Anatomy(_) | Self::PassiveState(_) => {
@@ -125,5 +129,25 @@ impl FiniteElementError {
             Self::Potentials(_) => Some("set solver.finite_element.ep = \"eikonal\": nothing else needs potentials"),
             Self::Fibres(_) | Self::Activation(_) | Self::Anatomy(_) | Self::Exponents { .. } => None,
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_volumes_that_were_found_blame_the_patients_data() {
+        let class = |at_high_ml| {
+            let error = PassiveStateError::NoStiffness {
+                low_kpa: 0.1,
+                high_kpa: 10.0,
+                wanted_ml: 80.0,
+                at_low_ml: 60.0,
+                at_high_ml,
+            };
+            FiniteElementError::PassiveState(error).class()
+        };
+        assert_eq!((class(70.0), class(f64::NAN)), (FailureClass::Input, FailureClass::Numerics));
     }
 }
