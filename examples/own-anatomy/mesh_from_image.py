@@ -9,8 +9,10 @@ distance of the surface and never fails on a rough one. `cardiotwin mesh repair`
 """
 
 import argparse
+import contextlib
 import struct
 import sys
+import tempfile
 from pathlib import Path
 
 import numpy as np
@@ -63,13 +65,15 @@ def tetrahedra(points, triangles, edge_mm, distance_mm):
     import pytetwild
 
     diagonal = np.linalg.norm(np.ptp(points, axis=0))
-    nodes, tets = pytetwild.tetrahedralize(
-        np.ascontiguousarray(points, float),
-        np.ascontiguousarray(triangles, np.int32),
-        edge_length_fac=edge_mm / diagonal,
-        epsilon=distance_mm / diagonal,
-        quiet=True,
-    )[:2]
+    # fTetWild leaves a file of its own where it runs
+    with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
+        nodes, tets = pytetwild.tetrahedralize(
+            np.ascontiguousarray(points, float),
+            np.ascontiguousarray(triangles, np.int32),
+            edge_length_fac=edge_mm / diagonal,
+            epsilon=distance_mm / diagonal,
+            quiet=True,
+        )[:2]
     return np.asarray(nodes), np.asarray(tets)
 
 

@@ -1,9 +1,11 @@
 //! mmg3d as a program of its own: found, called in a temporary folder, its answer read.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use cardiotwin_mesh::files::{MeshFileError, medit};
+use cardiotwin_mesh::surface::{Surface, sorted};
 use cardiotwin_mesh::{LengthUnit, TetMesh, transfer};
 
 use crate::cli::error::CliError;
@@ -67,7 +69,8 @@ pub fn program(named: Option<&Path>) -> Result<PathBuf, CliError> {
 pub fn remesh(program: &Path, old: &TetMesh, edge_mm: f64, distance_mm: f64) -> Result<TetMesh, CliError> {
     let folder = tempfile::tempdir().map_err(MmgError::Folder)?;
     let (given, made) = (folder.path().join("given.mesh"), folder.path().join("made.mesh"));
-    medit::write(old, &given).map_err(MmgError::from)?;
+    let parts = Parts::of(old);
+    medit::write(&parts.mesh, &given).map_err(MmgError::from)?;
     let output = Command::new(program)
         .args(["-v", "1", "-hsiz", &edge_mm.to_string(), "-hausd", &distance_mm.to_string()])
         .arg("-in")
@@ -84,18 +87,52 @@ pub fn remesh(program: &Path, old: &TetMesh, edge_mm: f64, distance_mm: f64) -> 
         return Err(MmgError::Failed { program: program.to_owned(), said }.into());
     }
     let mut mesh = medit::read(&made, LengthUnit::Millimetre).map_err(MmgError::from)?;
-    mesh.surfaces.retain_mut(|surface| {
-        let number = surface.name.strip_prefix(medit::SURFACE_PREFIX).and_then(|n| n.parse::<usize>().ok());
-        match number.and_then(|n| old.surfaces.get(n.wrapping_sub(1))) {
-            Some(named) => {
-                surface.name.clone_from(&named.name);
-                true
-            }
-            None => false,
-        }
-    });
+    mesh.surfaces = parts.joined(&mesh.surfaces, old);
     mesh.frames = transfer::frames(old, &mesh);
     Ok(mesh)
+}
+
+/// A mesh whose surfaces share no triangle: where they do (a file's own `endo` beside `endocardium`), each combination of them is a
+/// surface of its own, since mmg knows one reference for a triangle.
+struct Parts {
+    mesh: TetMesh,
+    /// Surfaces of the old mesh that each part belongs to.
+    of: Vec<Vec<usize>>,
+}
+
+impl Parts {
+    fn of(old: &TetMesh) -> Self {
+        let mut surfaces_of: BTreeMap<[u32; 3], ([u32; 3], Vec<usize>)> = BTreeMap::new();
+        for (i, surface) in old.surfaces.iter().enumerate() {
+            for triangle in &surface.triangles {
+                let entry = surfaces_of.entry(sorted(*triangle)).or_insert((*triangle, vec![]));
+                if entry.1.last() != Some(&i) {
+                    entry.1.push(i);
+                }
+            }
+        }
+        let mut parts: BTreeMap<Vec<usize>, Vec<[u32; 3]>> = BTreeMap::new();
+        for (triangle, surfaces) in surfaces_of.into_values() {
+            parts.entry(surfaces).or_default().push(triangle);
+        }
+        let (of, triangles): (Vec<_>, Vec<_>) = parts.into_iter().unzip();
+        let surfaces = triangles.into_iter().map(|triangles| Surface { name: String::new(), triangles }).collect();
+        Self { mesh: TetMesh { surfaces, ..old.clone() }, of }
+    }
+
+    /// The old mesh's surfaces out of the parts that mmg gave back, by their references.
+    fn joined(&self, found: &[Surface], old: &TetMesh) -> Vec<Surface> {
+        let empty = |surface: &Surface| Surface { name: surface.name.clone(), triangles: vec![] };
+        let mut surfaces: Vec<Surface> = old.surfaces.iter().map(empty).collect();
+        for part in found {
+            let number = part.name.strip_prefix(medit::SURFACE_PREFIX).and_then(|n| n.parse::<usize>().ok());
+            for i in number.and_then(|n| self.of.get(n.wrapping_sub(1))).into_iter().flatten() {
+                surfaces[*i].triangles.extend(&part.triangles);
+            }
+        }
+        surfaces.retain(|surface| !surface.triangles.is_empty());
+        surfaces
+    }
 }
 
 impl From<MmgError> for CliError {
