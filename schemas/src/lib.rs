@@ -15,6 +15,7 @@ pub mod fit;
 pub mod hash;
 pub mod heart;
 pub mod ids;
+pub mod motion;
 pub mod muscle;
 pub mod notices;
 pub mod organ;

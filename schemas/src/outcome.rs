@@ -9,6 +9,7 @@ use crate::biomarkers::{Biomarkers, CellBiomarkers, TimePoints};
 use crate::discover::Discovered;
 use crate::failure::Failure;
 use crate::ids::AttemptId;
+use crate::motion::MotionMeasures;
 use crate::organ::{CirculationSpec, OrganSpec, Step1Parameters};
 use crate::provenance::Provenance;
 
@@ -160,6 +161,9 @@ pub struct OrganBeatResult {
     pub remarks: Vec<String>,
     /// Smallest stretch over nodes and time.
     pub lambda_min: f64,
+    /// How a finite-element ventricle moved in the last beat; absent where it did not eject.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub motion: Option<MotionMeasures>,
     /// Time steps, cut steps, Newton iterations and such, by name.
     pub counters: BTreeMap<String, f64>,
 }

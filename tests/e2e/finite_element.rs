@@ -24,8 +24,14 @@ fn a_patient_is_personalised_in_3d_and_nothing_is_done_twice() {
     let iterations = patient["iterations"].as_array().expect("iterations");
     assert!(iterations.len() <= 3, "{iterations:#?}");
     let shown = cohort.call(&["show", "06-CoA"]).expect(0).out;
-    for part in ["passive.exponent_factor", "one-fibre ventricle corrected to 1", "verification"] {
+    for part in
+        ["passive.exponent_factor", "one-fibre ventricle corrected to 1", "verification", "MOTION", "Hu et al. 2013"]
+    {
         assert!(shown.contains(part), "{part:?} is not in\n{shown}");
+    }
+    for run in [&iterations[iterations.len() - 1]["run"], &patient["verification"]] {
+        let shortening = run["result"]["motion"]["shortening_percent"].as_f64().expect("a motion");
+        assert!((0.0..40.0).contains(&shortening), "{shortening} %");
     }
     // Step 0 meets the measured end-diastole, the fit the measured peak.
     for (row, percent) in [("EDV_mL", 1.0), ("P_max_mmHg", 10.0)] {
@@ -46,6 +52,7 @@ fn a_patient_is_personalised_in_3d_and_nothing_is_done_twice() {
     cohort.call(&["report"]).expect(0);
     let page = std::fs::read_to_string(cohort.run_dir().join("report.html")).expect("a report");
     assert_eq!(page.matches("<svg class=\"heart\"").count(), 4);
+    assert!(page.contains("cavity shortening") && page.contains("against the normal range"));
     let picture = cohort.path().join("spread.svg");
     cohort.call(&["show", "06-CoA", "--plot", &picture.to_string_lossy()]).expect(0);
     assert!(std::fs::read_to_string(&picture).expect("a picture").contains("since activation"));

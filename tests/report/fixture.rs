@@ -9,6 +9,7 @@ use cardiotwin_schemas::biomarkers::{Biomarkers, CellBiomarkers, TimePoints};
 use cardiotwin_schemas::failure::{Failure, FailureClass};
 use cardiotwin_schemas::hash::sha256_hex;
 use cardiotwin_schemas::ids::{PatientId, TaskKey};
+use cardiotwin_schemas::motion::MotionMeasures;
 use cardiotwin_schemas::organ::{
     ActivationSpec, CirculationSpec, OneFibrePassive, OrganSpec, Step1Parameters, TanhParameters, ValveParameters,
     WindkesselParameters,
@@ -317,6 +318,20 @@ fn beat(biomarkers: Biomarkers, time_points: TimePoints) -> OrganBeatResult {
         periodic: false,
         remarks: Vec::new(),
         lambda_min: 0.81,
+        motion: Some(MotionMeasures {
+            base_descent_mm: 13.2,
+            apex_rise_mm: 0.7,
+            epicardial_radius_change_percent: -13.5,
+            shortening_percent: 16.1,
+            wall_thickening_percent: 49.2,
+            twist_epi_deg: 18.4,
+            twist_endo_deg: 19.3,
+            isovolumic_lengthening_percent: 4.1,
+            isovolumic_untwisting_percent: Some(31.0),
+            least_pressure_mmhg: -0.49,
+            least_volume_ratio: 0.66,
+            largest_volume_ratio: 1.38,
+        }),
         counters: BTreeMap::new(),
     }
 }

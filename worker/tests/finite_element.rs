@@ -176,6 +176,9 @@ fn step_0_is_read_by_beats_that_stop_go_on_diverge_and_take_effects() {
     };
     let resumed = finished(run(&short, &mut resuming));
     assert_eq!(resumed.counters["resumed_at_ms"], 150.0);
+    let moved = result.motion.expect("a beat that ejects has its motion");
+    assert_eq!(resumed.motion, Some(moved), "the resumed beat's motion differs");
+    assert!(moved.twist_epi_deg.abs() > 0.1 && (0.5..1.0).contains(&moved.least_volume_ratio), "{moved:?}");
     for name in ["traces.csv", "nodal.csv", "heart.json"] {
         assert!(read(again.path(), name) == read(whole.path(), name), "{name} of the resumed beat differs");
     }
@@ -200,6 +203,8 @@ fn step_0_is_read_by_beats_that_stop_go_on_diverge_and_take_effects() {
         assert_eq!(other.counters.get("resumed_at_ms"), if threads == 2.0 { None } else { Some(&150.0) });
         let (want, got) = (result.biomarkers.p_max_mmhg.unwrap(), other.biomarkers.p_max_mmhg.unwrap());
         assert!((got / want - 1.0).abs() < 1e-4, "{threads} threads: {got} for {want} mmHg");
+        let twist = other.motion.map(|m| m.twist_epi_deg);
+        assert!((twist.unwrap() - moved.twist_epi_deg).abs() < 0.01, "{threads} threads: {twist:?} for {moved:?}");
     }
 
     the_heart_is_drawn(whole.path(), &found);

@@ -225,6 +225,7 @@ mod tests {
                 periodic: false,
                 remarks: vec![],
                 lambda_min: 0.8,
+                motion: None,
                 counters: Default::default(),
             })),
         }

@@ -9,6 +9,7 @@ mod convergence;
 mod discovery;
 mod figures;
 mod format;
+mod motion;
 mod organ_3d;
 mod page;
 mod patient;

@@ -6,6 +6,7 @@ use maud::{Markup, html};
 use super::convergence;
 use super::figures::{self, figure, legend, line_name};
 use super::format::{count, duration, fixed, percent, significant, symbol};
+use super::motion;
 use super::organ_3d;
 use super::provenance;
 use super::tables;
@@ -296,6 +297,7 @@ pub fn section(patient: &PatientRecord, signals: &Signals) -> Markup {
             h3 { "Numbers" }
             div.tables {
                 (tables::biomarkers(patient))
+                @if let Some(table) = motion::table(patient) { (table) }
                 @if let Some(table) = tables::step1_parameters(patient) { (table) }
                 @if let Some(fit) = &patient.cell_fit {
                     (tables::cell_parameters(&fit.result))

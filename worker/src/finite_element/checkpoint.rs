@@ -17,7 +17,7 @@ use super::arrays::{Arrays, ArraysError};
 use super::shapes::Shapes;
 
 /// Kind of the file.
-const KIND: &str = "beat checkpoint 3";
+const KIND: &str = "beat checkpoint 4";
 /// File in the attempt's folder of checkpoints.
 pub const FILE: &str = "beat.bin";
 
@@ -34,6 +34,8 @@ pub struct BeatCheckpoint {
     pub work: VentricleWork,
     /// Shapes of the beat so far.
     pub shapes: Shapes,
+    /// Motion so far ([`super::motion::Motion::numbers`]); empty where it is not measured.
+    pub motion: Vec<f64>,
 }
 
 #[derive(Serialize, Deserialize)]
@@ -83,6 +85,7 @@ impl BeatCheckpoint {
             .with("ventricle", self.ventricle.values.as_slice())
             .with("u_begin_mm", self.shapes.begin.u.as_slice())
             .with("u_smallest_mm", self.shapes.smallest.u.as_slice())
+            .with("motion", self.motion.as_slice())
             .to_bytes()
     }
 
@@ -106,6 +109,7 @@ impl BeatCheckpoint {
             ventricle: VentricleSnapshot { kind: about.snapshot, values: arrays.take("ventricle")? },
             work: VentricleWork { steps, newton_iterations, krylov_iterations, factorisations },
             shapes,
+            motion: arrays.take("motion")?,
         })
     }
 

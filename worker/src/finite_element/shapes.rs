@@ -54,6 +54,12 @@ impl Shapes {
         Self { latest: shape(ventricle, n_nodes, 0), ..self }
     }
 
+    /// The shape after the last sample that was observed.
+    #[must_use]
+    pub fn latest(&self) -> &Shape {
+        &self.latest
+    }
+
     /// Takes note of the state after a sample of a beat's traces.
     pub fn observe(&mut self, beat: usize, sample: usize, ventricle: &FiniteElementVentricle) {
         let n_nodes = self.latest.u.len() / 3;

@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use cardiotwin_schemas::ids::PatientId;
+use cardiotwin_schemas::motion::{Against, MOTION};
 use cardiotwin_schemas::outcome::{Determination, FittedParameter, Step1ProposalResult};
 use cardiotwin_schemas::record::{IterationRecord, PatientRecord};
 use cardiotwin_schemas::settings::{STEP1_PARAMETERS, Update};
@@ -49,6 +50,7 @@ pub async fn execute(args: &ShowArgs, talk: &Talk) -> Result<Exit, CliError> {
     let sections = [
         heading(&record),
         biomarkers(&record, talk),
+        motion(&record, talk),
         iterations(&record, talk),
         cell(&record, talk),
         estimates(&record, talk),
@@ -120,6 +122,31 @@ fn biomarkers(record: &PatientRecord, talk: &Talk) -> String {
         if row[1..].iter().any(|cell| cell != "-") {
             table.row(row);
         }
+    }
+    table.text()
+}
+
+/// How the finite-element ventricle moved, beside the normal range and a mark.
+fn motion(record: &PatientRecord, talk: &Talk) -> String {
+    let view = PatientView(record);
+    let beats = [Step::Step1, Step::Step2].map(|step| view.beat(step).and_then(|beat| beat.result.motion));
+    if beats.iter().all(Option::is_none) {
+        return String::new();
+    }
+    let mut table = Columns::new(talk, &["MOTION", "UNIT", ">STEP 1", "", ">STEP 2", "", "NORMAL", "SOURCE"]);
+    for measure in MOTION {
+        let mut row = vec![(measure.name.to_owned(), None), (measure.unit.to_owned(), None)];
+        for beat in &beats {
+            row.push((optional(beat.as_ref().and_then(measure.of)), None));
+            row.push(match beat.as_ref().and_then(|beat| measure.against(beat)) {
+                Some(against @ Against::Within) => (against.as_str().to_owned(), Some(Tone::Good)),
+                Some(against) => (against.as_str().to_owned(), Some(Tone::Doubtful)),
+                None => (String::new(), None),
+            });
+        }
+        let [lower, upper] = measure.normal.map(number);
+        row.extend([(format!("{lower} to {upper}"), None), (measure.source.to_owned(), Some(Tone::Quiet))]);
+        table.toned(row);
     }
     table.text()
 }

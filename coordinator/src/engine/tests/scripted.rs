@@ -155,6 +155,7 @@ fn beat(biomarkers: Biomarkers, opened: bool) -> TaskResult {
         periodic: false,
         remarks: vec![],
         lambda_min: 0.82,
+        motion: None,
         counters: Default::default(),
     })
 }

@@ -5,6 +5,7 @@ mod census;
 mod contraction;
 mod end_diastole;
 mod kernels;
+pub mod motion;
 pub mod passive_fit;
 mod passive_job;
 pub mod passive_state;

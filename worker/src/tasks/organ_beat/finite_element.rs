@@ -22,11 +22,12 @@ use cardiotwin_schemas::outcome::Ending;
 use cardiotwin_schemas::task::{OrganBeatSpec, TaskSpec};
 use cardiotwin_units::{Ml, Mmhg, Ms};
 
-use super::{contraction, effects, ending, has_calcium, heart as left_heart, potentials, settings};
+use super::{Seen, contraction, effects, ending, has_calcium, heart as left_heart, potentials, settings};
 use crate::context::Context;
 use crate::error::TaskError;
 use crate::files;
 use crate::finite_element::checkpoint::{BeatCheckpoint, Due, FILE};
+use crate::finite_element::motion::{Followed, Motion};
 use crate::finite_element::rows::NodalRows;
 use crate::finite_element::series::{self, Series};
 use crate::finite_element::shapes::Shapes;
@@ -43,6 +44,8 @@ pub(super) struct Organ {
     pub(super) circulation: Circulation,
     /// Nodes of the image's mesh, which only pictures need once the ranks have their parts.
     pub(super) n_nodes: usize,
+    /// What is followed of its motion, where it can be.
+    pub(super) followed: Option<Followed>,
 }
 
 /// Simulates a beat of the ventricle that step 0 made.
@@ -59,7 +62,8 @@ pub(super) fn run(
         format!("{} nodes, {} tetrahedra", organ.figures.nodes, organ.figures.elements)
     });
     // The session is dropped after the ventricle.
-    let Organ { session: _session, mut ventricle, mut circulation, n_nodes } = assemble(spec, organ, context)?;
+    let Organ { session: _session, mut ventricle, mut circulation, n_nodes, followed } =
+        assemble(spec, organ, context)?;
     let seconds_setup = begun.elapsed().as_secs_f64();
     let begun = Instant::now();
     let length = spec.cycle_length_ms;
@@ -69,6 +73,7 @@ pub(super) fn run(
     let (mut before, mut resumed_at_ms) = (VentricleWork::default(), None);
     let mut series = begin_series(spec, organ, &ventricle, context)?;
     let mut shapes = Shapes::of(&ventricle, n_nodes);
+    let mut motion = followed.map(|followed| Motion::begin(followed, &shapes, ventricle.unloaded_mm()));
     let own = context.checkpoints.own_file(FILE);
     let directory = context.artefacts.directory().to_owned();
     let rows_folder = own.as_ref().and_then(|file| file.parent()).unwrap_or(&directory);
@@ -88,12 +93,18 @@ pub(super) fn run(
         None => NodalRows::begin(rows_folder, &ventricle, has_calcium(spec)).map_err(not_kept)?,
     };
     let from = match earlier {
-        Some((BeatCheckpoint { progress, circulation: blood, ventricle: states, work, shapes: seen }, file)) => {
+        Some((
+            BeatCheckpoint { progress, circulation: blood, ventricle: states, work, shapes: seen, motion: moved },
+            file,
+        )) => {
             ventricle.restore(&states).map_err(TaskError::Organ)?;
             circulation.restore(&blood).map_err(TaskError::Circulation)?;
             tracing::info!("going on from a checkpoint at {} ms", ventricle.time().0);
             (before, resumed_at_ms) = (work, Some(ventricle.time().0));
             shapes = seen.resumed(&ventricle, n_nodes);
+            if let Some(motion) = &mut motion {
+                motion.resume(&shapes, ventricle.unloaded_mm(), &moved);
+            }
             if let (Some(series), Some(attempt)) = (&mut series, file.ancestors().nth(2)) {
                 series.resume(attempt, progress.n_beats, ventricle.time().0 - progress.beat_start_ms)?;
             }
@@ -106,6 +117,9 @@ pub(super) fn run(
         let time = seen.ventricle_time_ms();
         let beat = seen.progress.n_beats;
         shapes.observe(beat, seen.progress.intervals, seen.ventricle);
+        if let Some(motion) = &mut motion {
+            motion.observe(&shapes, seen.ventricle.unloaded_mm());
+        }
         if let Err(source) = rows.observe((beat, seen.progress.traces.time_ms.len()), seen.ventricle) {
             return ControlFlow::Break(not_kept(source));
         }
@@ -124,6 +138,7 @@ pub(super) fn run(
                 ventricle: seen.ventricle.snapshot(),
                 work: sum(before, seen.ventricle.work()),
                 shapes: shapes.clone(),
+                motion: motion.as_ref().map(Motion::numbers).unwrap_or_default(),
             };
             if let Err(source) = rows.sync().and_then(|()| write(file, &checkpoint.to_bytes(&task))) {
                 return ControlFlow::Break(TaskError::Checkpoint(source));
@@ -197,7 +212,7 @@ pub(super) fn run(
             result.work.n_iterations as f64 / result.work.n_steps.max(1) as f64
         });
     }
-    ending(spec, outcome, counters, lambda_min, context)
+    ending(spec, outcome, counters, Seen { lambda_min, motion: motion.as_ref() }, context)
 }
 
 /// A series of VTU files, where one was asked for; its size is told before the rest of it is written.
@@ -274,7 +289,8 @@ pub(super) fn assemble(
         }
     })?;
     let ((session, ventricle), circulation) = (made.0.map_err(TaskError::Organ)?, made.1);
-    Ok(Organ { session, ventricle, circulation, n_nodes: stored.mesh.n_nodes() })
+    let (n_nodes, followed) = (stored.mesh.n_nodes(), Followed::of(&stored.mesh));
+    Ok(Organ { session, ventricle, circulation, n_nodes, followed })
 }
 
 /// Does what rank 0 wants of this rank in a beat.

@@ -29,6 +29,7 @@ use crate::calcium;
 use crate::cell_parameters::NamedCell;
 use crate::context::Context;
 use crate::error::{TaskError, chain};
+use crate::finite_element::motion::Motion;
 use crate::finite_element::stored::About;
 use crate::nodal::{self, number};
 use crate::tasks::passive_state::estimates::to_solver;
@@ -59,7 +60,7 @@ pub fn run(spec: &OrganBeatSpec, context: &mut Context) -> Result<Ending, TaskEr
             let Assembled { mut ventricle, mut circulation, .. } = reduced(spec, passive, activation)?;
             context.progress.report("simulating", 0.0, None, || format!("{} ms cycle", spec.cycle_length_ms));
             let outcome = run_beats(&mut ventricle, &mut circulation, &settings(spec));
-            ending(spec, outcome, BTreeMap::new(), None, context)
+            ending(spec, outcome, BTreeMap::new(), Seen::default(), context)
         }
         OrganSpec::FiniteElement(organ) => finite_element::run(spec, organ, context),
         OrganSpec::External(organ) => external::run(spec, organ, context),
@@ -78,7 +79,7 @@ pub fn reduced_beat(
     let Assembled { mut ventricle, mut circulation, .. } = reduced(spec, passive, activation)?;
     let settings = BeatSettings { record_nodes: false, ..settings(spec) };
     match run_beats(&mut ventricle, &mut circulation, &settings) {
-        BeatOutcome::Finished(result) => organ_beat_result(spec, &result, None).map(Some),
+        BeatOutcome::Finished(result) => organ_beat_result(spec, &result, Seen::default()).map(Some),
         BeatOutcome::Diverged { .. } => Ok(None),
     }
 }
@@ -88,7 +89,7 @@ fn ending(
     spec: &OrganBeatSpec,
     outcome: BeatOutcome,
     mut counters: BTreeMap<String, f64>,
-    lambda_min: Option<f64>,
+    seen: Seen<'_>,
     context: &mut Context,
 ) -> Result<Ending, TaskError> {
     match outcome {
@@ -102,7 +103,7 @@ fn ending(
                 let text = nodal::to_csv(&result.traces.time_ms, nodes, has_calcium(spec));
                 context.artefacts.write("nodal", "nodal.csv", &text)?;
             }
-            let mut result = organ_beat_result(spec, &result, lambda_min)?;
+            let mut result = organ_beat_result(spec, &result, seen)?;
             counters.append(&mut result.counters);
             result.counters = counters;
             Ok(Ending::Succeeded { result: Box::new(TaskResult::OrganBeat(result)) })
@@ -223,12 +224,16 @@ fn heart(spec: &OrganBeatSpec) -> LeftHeart {
     }
 }
 
-/// - `lambda_min`: smallest stretch of a node, where the traces hold no nodes
-fn organ_beat_result(
-    spec: &OrganBeatSpec,
-    result: &BeatResult,
+/// What was seen of a beat beside its traces.
+#[derive(Debug, Default, Clone, Copy)]
+struct Seen<'a> {
+    /// Smallest stretch of a node, where the traces hold no nodes.
     lambda_min: Option<f64>,
-) -> Result<OrganBeatResult, TaskError> {
+    /// Motion of the last beat of a finite-element ventricle.
+    motion: Option<&'a Motion>,
+}
+
+fn organ_beat_result(spec: &OrganBeatSpec, result: &BeatResult, seen: Seen<'_>) -> Result<OrganBeatResult, TaskError> {
     let traces = &result.traces;
     let small_change = result.volume_change_ml.abs().max(result.pressure_change_mmhg) <= PERIODIC_CHANGE;
     // One beat is never taken as periodic: its end says nothing of its start.
@@ -253,7 +258,8 @@ fn organ_beat_result(
         beats: result.n_beats as u32,
         periodic,
         remarks: biomarkers::remarks(&set),
-        lambda_min: lambda_min.unwrap_or_else(|| lambda.copied().fold(f64::INFINITY, f64::min)),
+        motion: seen.motion.and_then(|motion| motion.measures(&time_points, traces)),
+        lambda_min: seen.lambda_min.unwrap_or_else(|| lambda.copied().fold(f64::INFINITY, f64::min)),
         counters,
     })
 }

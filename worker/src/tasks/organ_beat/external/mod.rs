@@ -21,7 +21,7 @@ use cardiotwin_schemas::organ::ContractionSpec;
 use cardiotwin_schemas::outcome::{Ending, TaskResult};
 use cardiotwin_schemas::task::OrganBeatSpec;
 
-use super::{organ_beat_result, traces_csv};
+use super::{Seen, organ_beat_result, traces_csv};
 use crate::context::Context;
 use crate::error::TaskError;
 use crate::files::write_synced;
@@ -190,7 +190,7 @@ fn answer(
         work: BeatWork::default(),
         traces,
     };
-    let mut result = organ_beat_result(spec, &result, Some(lambda_min))?;
+    let mut result = organ_beat_result(spec, &result, Seen { lambda_min: Some(lambda_min), motion: None })?;
     result.remarks.extend(estimated);
     // They count our own time steps.
     result.counters.retain(|name, _| name.ends_with("mL") || name.ends_with("mmHg"));

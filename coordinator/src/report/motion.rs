@@ -1,0 +1,54 @@
+//! How a patient's finite-element ventricle moved, beside the normal ranges.
+
+use cardiotwin_schemas::motion::{Against, MOTION, MotionMeasure, MotionMeasures};
+use cardiotwin_schemas::record::PatientRecord;
+use maud::{Markup, html};
+
+use super::format::fixed;
+use super::tables::scrolling;
+use crate::results::{PatientView, Step};
+
+/// The table; none where no finite-element beat is there.
+#[must_use]
+pub fn table(patient: &PatientRecord) -> Option<Markup> {
+    let view = PatientView(patient);
+    let beats = [Step::Step1, Step::Step2].map(|step| view.beat(step).and_then(|beat| beat.result.motion));
+    if beats.iter().all(Option::is_none) {
+        return None;
+    }
+    Some(scrolling(&html! {
+        table {
+            caption { "Motion" span.quiet { ", against the normal range" } }
+            thead { tr {
+                th scope="col" { "" } th.unit scope="col" { "unit" }
+                th scope="col" { "step 1" } th scope="col" { "" } th scope="col" { "step 2" } th scope="col" { "" }
+                th scope="col" { "normal" } th scope="col" { "source" }
+            } }
+            tbody {
+                @for measure in &MOTION {
+                    tr {
+                        th scope="row" { (measure.name) }
+                        td.unit { (measure.unit) }
+                        @for beat in &beats { (value(measure, beat.as_ref())) }
+                        td.num { (digits(measure, Some(measure.normal[0]))) " to " (digits(measure, Some(measure.normal[1]))) }
+                        td.quiet { (measure.source) }
+                    }
+                }
+            }
+        }
+    }))
+}
+
+fn digits(measure: &MotionMeasure, value: Option<f64>) -> String {
+    fixed(value, if measure.unit == "1" { 2 } else { 1 })
+}
+
+/// The value, and words for where it lies: colour never alone.
+fn value(measure: &MotionMeasure, motion: Option<&MotionMeasures>) -> Markup {
+    let Some(motion) = motion else { return html! { td {} td {} } };
+    let against = measure.against(motion).filter(|against| *against != Against::Within);
+    html! {
+        td.num { (digits(measure, (measure.of)(motion))) }
+        td.flag { @if let Some(against) = against { (against.as_str()) } }
+    }
+}

@@ -1,0 +1,235 @@
+//! How a simulated ventricle moved, and how a healthy one does.
+//!
+//! Measured on a finite-element ventricle by `cardiotwin_mechanics::organ::motion`. The long axis points from the middle of
+//! the rim to the endocardial apex; the middle, apical and basal levels lie at 50, 25 and 75 % of it from the apex. End-diastole
+//! is the beat's beginning, end-systole the smallest volume (t5), isovolumic contraction ends at t4, relaxation at t6.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// Motion of a finite-element ventricle in a beat; percentages are of end-diastole.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct MotionMeasures {
+    /// Mean of the rim towards the apex, from end-diastole to end-systole.
+    pub base_descent_mm: f64,
+    /// Epicardial apex towards the base, likewise.
+    pub apex_rise_mm: f64,
+    /// Change of the mean epicardial radius at the middle level.
+    pub epicardial_radius_change_percent: f64,
+    /// Shortening of the cavity, endocardial apex to the middle of the rim.
+    pub shortening_percent: f64,
+    /// Thickening of the wall at the middle level, mean epicardial less mean endocardial radius.
+    pub wall_thickening_percent: f64,
+    /// Largest apical less basal rotation of the epicardium, counter-clockwise seen from the apex.
+    pub twist_epi_deg: f64,
+    /// The same of the endocardium.
+    pub twist_endo_deg: f64,
+    /// Change of the cavity's length over isovolumic contraction.
+    pub isovolumic_lengthening_percent: f64,
+    /// Share of the largest epicardial twist that is undone in isovolumic relaxation; absent where filling did not begin.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub isovolumic_untwisting_percent: Option<f64>,
+    /// Least cavity pressure.
+    #[serde(rename = "least_pressure_mmHg")]
+    pub least_pressure_mmhg: f64,
+    /// Smallest volume of an element over its unloaded one, each singly, every 5 ms.
+    pub least_volume_ratio: f64,
+    /// Largest likewise.
+    pub largest_volume_ratio: f64,
+}
+
+/// A measure with its normal range.
+#[derive(Debug, Clone, Copy)]
+pub struct MotionMeasure {
+    /// Key with unit, as in files.
+    pub key: &'static str,
+    /// For a person.
+    pub name: &'static str,
+    /// Unit for a person.
+    pub unit: &'static str,
+    /// Normal range, in the unit.
+    pub normal: [f64; 2],
+    /// Where the range is from; bounds of ours are said to be.
+    pub source: &'static str,
+    /// The value, where the beat has it.
+    pub of: fn(&MotionMeasures) -> Option<f64>,
+}
+
+/// Where a value lies against its normal range.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Against {
+    /// Below it.
+    Below,
+    /// In it.
+    Within,
+    /// Above it.
+    Above,
+}
+
+impl Against {
+    /// For a person.
+    #[must_use]
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Below => "below",
+            Self::Within => "normal",
+            Self::Above => "above",
+        }
+    }
+}
+
+impl MotionMeasure {
+    /// Where a beat lies against the normal range; what is not a number is not normal.
+    #[must_use]
+    pub fn against(&self, motion: &MotionMeasures) -> Option<Against> {
+        let value = (self.of)(motion)?;
+        Some(match self.normal {
+            [lower, _] if value < lower => Against::Below,
+            [_, upper] if value <= upper => Against::Within,
+            _ => Against::Above,
+        })
+    }
+}
+
+/// All measures with their normal ranges, in the order of tables. Numbers of the literature are cited from memory of the
+/// papers' abstracts and reviews; where a paper gives no range for just this measure, the bounds are ours and say so.
+pub const MOTION: [MotionMeasure; 12] = [
+    MotionMeasure {
+        key: "base_descent_mm",
+        name: "base down",
+        unit: "mm",
+        normal: [12.0, 15.0],
+        source: "mitral annular plane systolic excursion: Hu et al. 2013, Eur. Heart J. Cardiovasc. Imaging 14:205",
+        of: |m| Some(m.base_descent_mm),
+    },
+    MotionMeasure {
+        key: "apex_rise_mm",
+        name: "apex up",
+        unit: "mm",
+        normal: [-3.0, 3.0],
+        source: "about still: Rogers et al. 1991, Circulation 84:721 (1.6, SD 2.2 mm); bounds ours",
+        of: |m| Some(m.apex_rise_mm),
+    },
+    MotionMeasure {
+        key: "epicardial_radius_change_percent",
+        name: "epicardial radius",
+        unit: "%",
+        normal: [-11.0, -4.0],
+        source: "the whole heart's volume varies by 8 %: Carlsson et al. 2004, Am. J. Physiol. 287:H243; bounds ours",
+        of: |m| Some(m.epicardial_radius_change_percent),
+    },
+    MotionMeasure {
+        key: "shortening_percent",
+        name: "cavity shortening",
+        unit: "%",
+        normal: [15.9, 22.1],
+        source: "global longitudinal strain: Yingchoncharoen et al. 2013, J. Am. Soc. Echocardiogr. 26:185",
+        of: |m| Some(m.shortening_percent),
+    },
+    MotionMeasure {
+        key: "wall_thickening_percent",
+        name: "wall thickening",
+        unit: "%",
+        normal: [35.1, 59.0],
+        source: "radial strain: Yingchoncharoen et al. 2013, J. Am. Soc. Echocardiogr. 26:185",
+        of: |m| Some(m.wall_thickening_percent),
+    },
+    MotionMeasure {
+        key: "twist_epi_deg",
+        name: "twist, epicardium",
+        unit: "°",
+        normal: [8.0, 20.0],
+        source: "Taber et al. 1996, J. Biomech. 29:745; Lorenz et al. 2000, J. Cardiovasc. Magn. Reson. 2:97; Stöhr et al. 2016, Am. J. Physiol. 311:H633; bounds ours",
+        of: |m| Some(m.twist_epi_deg),
+    },
+    MotionMeasure {
+        key: "twist_endo_deg",
+        name: "twist, endocardium",
+        unit: "°",
+        normal: [8.0, 25.0],
+        source: "larger than the epicardium's: Buchalter et al. 1990, Circulation 81:1236; bounds ours",
+        of: |m| Some(m.twist_endo_deg),
+    },
+    MotionMeasure {
+        key: "isovolumic_lengthening_percent",
+        name: "isovolumic lengthening",
+        unit: "%",
+        normal: [-5.0, 2.0],
+        source: "about none; bounds ours",
+        of: |m| Some(m.isovolumic_lengthening_percent),
+    },
+    MotionMeasure {
+        key: "isovolumic_untwisting_percent",
+        name: "isovolumic untwisting",
+        unit: "%",
+        normal: [20.0, 60.0],
+        source: "about 40 % of the twist: Rademakers et al. 1992, Circulation 85:1572; bounds ours",
+        of: |m| m.isovolumic_untwisting_percent,
+    },
+    MotionMeasure {
+        key: "least_pressure_mmHg",
+        name: "least pressure",
+        unit: "mmHg",
+        normal: [-1.5, 6.0],
+        source: "little suction at rest; bounds ours",
+        of: |m| Some(m.least_pressure_mmhg),
+    },
+    MotionMeasure {
+        key: "least_volume_ratio",
+        name: "smallest element volume",
+        unit: "1",
+        normal: [0.85, 1.0],
+        source: "blood moved out of the wall is a few percent of it; bounds ours, on 8,000 nodes or more",
+        of: |m| Some(m.least_volume_ratio),
+    },
+    MotionMeasure {
+        key: "largest_volume_ratio",
+        name: "largest element volume",
+        unit: "1",
+        normal: [1.0, 1.15],
+        source: "as of the smallest",
+        of: |m| Some(m.largest_volume_ratio),
+    },
+];
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_measure_is_in_the_table_once_under_its_own_key() {
+        let distinct = MotionMeasures {
+            base_descent_mm: 1.0,
+            apex_rise_mm: 2.0,
+            epicardial_radius_change_percent: 3.0,
+            shortening_percent: 4.0,
+            wall_thickening_percent: 5.0,
+            twist_epi_deg: 6.0,
+            twist_endo_deg: 7.0,
+            isovolumic_lengthening_percent: 8.0,
+            isovolumic_untwisting_percent: Some(9.0),
+            least_pressure_mmhg: 10.0,
+            least_volume_ratio: 11.0,
+            largest_volume_ratio: 12.0,
+        };
+        let written = serde_json::to_value(distinct).unwrap();
+        assert_eq!(written.as_object().unwrap().len(), MOTION.len());
+        for measure in MOTION {
+            assert_eq!(written[measure.key].as_f64(), (measure.of)(&distinct), "{}", measure.key);
+            assert!(measure.normal[0] < measure.normal[1] && !measure.source.is_empty(), "{}", measure.key);
+        }
+    }
+
+    #[test]
+    fn a_value_stands_against_its_range() {
+        let base = MOTION[0];
+        let against =
+            |base_descent_mm| base.against(&MotionMeasures { base_descent_mm, ..Default::default() }).unwrap();
+        assert_eq!(
+            [11.9, 12.0, 15.0, 15.1].map(against),
+            [Against::Below, Against::Within, Against::Within, Against::Above]
+        );
+        assert_eq!(against(f64::NAN), Against::Above);
+    }
+}

@@ -1,0 +1,113 @@
+//! How the ventricle moves in the beat in hand: shapes after each sample of its traces, and measures of them.
+
+use cardiotwin_mechanics::organ::motion::{Landmarks, Phases, Series, volume_ratios};
+use cardiotwin_mesh::TetMesh;
+use cardiotwin_models::beat::BeatTraces;
+use cardiotwin_schemas::biomarkers::TimePoints;
+use cardiotwin_schemas::motion::MotionMeasures;
+
+use super::shapes::Shapes;
+
+/// Samples between two looks at all elements' volumes, which cost more than the rest.
+const SAMPLES_PER_LOOK: usize = 5;
+
+/// What is followed on a mesh.
+#[derive(Debug)]
+pub struct Followed {
+    landmarks: Landmarks,
+    tets: Vec<[u32; 4]>,
+}
+
+impl Followed {
+    /// Landmarks of a mesh; none, with a warning, where it has none.
+    #[must_use]
+    pub fn of(mesh: &TetMesh) -> Option<Self> {
+        match Landmarks::of(mesh) {
+            Ok(landmarks) => Some(Self { landmarks, tets: mesh.tets.clone() }),
+            Err(error) => {
+                tracing::warn!("the ventricle's motion is not measured: {error}");
+                None
+            }
+        }
+    }
+
+    /// Positions at a beat's beginning, and a series that begins there.
+    fn at_the_beginning(&self, shapes: &Shapes, unloaded: &[f64]) -> (Vec<[f64; 3]>, Series) {
+        let begin = positions(unloaded, &shapes.begin.u);
+        let mut series = Series::new(self.landmarks.shape(&begin, &begin));
+        series.strained(volume_ratios(&self.tets, unloaded.as_chunks::<3>().0, &begin));
+        (begin, series)
+    }
+}
+
+/// Motion of the beat in hand.
+#[derive(Debug)]
+pub struct Motion {
+    followed: Followed,
+    /// Number of the beat, from one.
+    beat: usize,
+    begin: Vec<[f64; 3]>,
+    series: Series,
+}
+
+fn positions(unloaded: &[f64], u: &[f64]) -> Vec<[f64; 3]> {
+    let x: Vec<f64> = unloaded.iter().zip(u).map(|(x, u)| x + u).collect();
+    x.as_chunks::<3>().0.to_vec()
+}
+
+impl Motion {
+    /// Of a beat that begins with the first of the shapes.
+    ///
+    /// - `unloaded`: positions of the mesh's nodes in the unloaded geometry \[mm\], three numbers a node; more may follow
+    #[must_use]
+    pub fn begin(followed: Followed, shapes: &Shapes, unloaded: &[f64]) -> Self {
+        let (begin, series) = followed.at_the_beginning(shapes, unloaded);
+        Self { followed, beat: shapes.beat, begin, series }
+    }
+
+    /// Goes on with what a checkpoint holds, whose shapes these are; from the beginning where it holds nothing of use.
+    pub fn resume(&mut self, shapes: &Shapes, unloaded: &[f64], numbers: &[f64]) {
+        let (begin, fresh) = self.followed.at_the_beginning(shapes, unloaded);
+        (self.beat, self.begin, self.series) = (shapes.beat, begin, Series::of_numbers(numbers).unwrap_or(fresh));
+    }
+
+    /// For a checkpoint.
+    #[must_use]
+    pub fn numbers(&self) -> Vec<f64> {
+        self.series.numbers()
+    }
+
+    /// Takes note of the latest of the shapes, which have seen it already. A later beat takes the place of the one before.
+    pub fn observe(&mut self, shapes: &Shapes, unloaded: &[f64]) {
+        if shapes.beat != self.beat {
+            self.resume(shapes, unloaded, &[]);
+        }
+        let latest = shapes.latest();
+        let x = positions(unloaded, &latest.u);
+        if latest.sample / SAMPLES_PER_LOOK > self.series.last_sample() / SAMPLES_PER_LOOK {
+            self.series.strained(volume_ratios(&self.followed.tets, unloaded.as_chunks::<3>().0, &x));
+        }
+        self.series.push(latest.sample, self.followed.landmarks.shape(&self.begin, &x));
+    }
+
+    /// Measures of the beat; none where it did not eject.
+    #[must_use]
+    pub fn measures(&self, times: &TimePoints, traces: &BeatTraces) -> Option<MotionMeasures> {
+        let phases = Phases { ejection_ms: times.t4_ms?, end_systole_ms: times.t5_ms?, filling_ms: times.t6_ms };
+        let found = self.series.measures(&phases, &traces.time_ms);
+        Some(MotionMeasures {
+            base_descent_mm: found.base_descent_mm,
+            apex_rise_mm: found.apex_rise_mm,
+            epicardial_radius_change_percent: found.epicardial_radius_change_percent,
+            shortening_percent: found.shortening_percent,
+            wall_thickening_percent: found.wall_thickening_percent,
+            twist_epi_deg: found.twist_epi_deg,
+            twist_endo_deg: found.twist_endo_deg,
+            isovolumic_lengthening_percent: found.isovolumic_lengthening_percent,
+            isovolumic_untwisting_percent: found.isovolumic_untwisting_percent,
+            least_pressure_mmhg: traces.pressure_mmhg.iter().copied().fold(f64::INFINITY, f64::min),
+            least_volume_ratio: found.least_volume_ratio,
+            largest_volume_ratio: found.largest_volume_ratio,
+        })
+    }
+}
