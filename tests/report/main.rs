@@ -4,6 +4,7 @@ mod browser;
 mod export;
 mod fixture;
 mod in_3d;
+mod traces;
 
 use std::path::{Path, PathBuf};
 

@@ -353,7 +353,7 @@ fn a_cohort_has_the_laws_and_conventions_that_it_asks_for() {
     // The same tension per reference area pulls less where fibres are short than that over λ.
     let (same, first) = beat_with(|s| s.wall.active_convention = ActiveConvention::FirstPiola);
     assert_eq!(same.stiffness_kpa, plain.stiffness_kpa, "the passive law is none of its business");
-    assert!(stroke(&first) < 0.95 * stroke(&usual), "{} {}", stroke(&first), stroke(&usual));
+    assert!(stroke(&first) < 0.97 * stroke(&usual), "{} {}", stroke(&first), stroke(&usual));
 
     // The settings of Newton's method reach the beat: short steps take more iterations.
     let (_, careful) = beat_with(|s| s.newton.farthest_mm = 0.2);

@@ -244,7 +244,7 @@ fn tables_of_the_verification_begin_with_the_elements_of_a_ventricle_that_asks_f
     assert_eq!(names.len(), compared.len(), "each row tells its elements apart");
     for (name, element) in [
         ("linear pointwise", ElementKind::LINEAR_POINTWISE),
-        ("linear nodal (0.05 pointwise)", ElementKind::LINEAR_NODAL),
+        ("linear nodal (0.01 pointwise)", ElementKind::LINEAR_NODAL),
         ("quadratic nodal", ElementKind::QUADRATIC_NODAL),
     ] {
         assert_eq!(element.to_string(), name);
