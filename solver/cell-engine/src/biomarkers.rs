@@ -4,9 +4,6 @@ use serde::{Deserialize, Serialize};
 
 use crate::trace::Segment;
 
-/// As `cardiotwin_signals::ActiveStressBiomarkers::STEEPNESS_PER_MS`, of which this is the fast form.
-const STEEPNESS_PER_MS: f64 = 1.0 / 10_000.0;
-
 /// A duration between two crossings of a level.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct Duration {
@@ -100,11 +97,7 @@ pub fn of_segments(segments: &[Segment]) -> (CellBiomarkers, Penalty) {
     let (rise, rise_sum) = grid.rise_after(peak, peak_at);
     let (lowest, negative) = grid.negative(first);
     let level = |share: f64| {
-        if top > 0.0 {
-            grid.duration(peak, peak_at, share * top, STEEPNESS_PER_MS * top)
-        } else {
-            Duration { ms: 0.0, cut: true }
-        }
+        if top > 0.0 { grid.duration(peak, peak_at, share * top) } else { Duration { ms: 0.0, cut: true } }
     };
     let biomarkers = CellBiomarkers {
         sa_max_kpa: top,
@@ -258,53 +251,28 @@ impl Grid<'_> {
         (steepest, sum)
     }
 
-    /// Time above `level` around the peak: from the last upward crossing before it to the first downward one after it,
-    /// either extended with `rate` where the stress is less steep, so that a stress that only touches the level does not
-    /// make the duration jump (`cardiotwin_signals::ActiveStressBiomarkers::STEEPNESS_PER_MS`).
-    fn duration(&self, peak: usize, peak_at: usize, level: f64, rate: f64) -> Duration {
-        let end = (self.n - 1) as f64;
-        let mut up = f64::NEG_INFINITY;
+    /// Time above `level` around the peak: from the last upward crossing before it to the first downward one after it.
+    fn duration(&self, peak: usize, peak_at: usize, level: f64) -> Duration {
+        let mut up = None;
         for (i, segment) in self.segments[..=peak_at].iter().enumerate().rev().filter(|(_, s)| s.sa_low < level) {
             let stress = segment.sa();
             let below = |k: usize| Some((k, stress.at(k))).filter(|&(_, x)| x < level);
             if let Some((k, x)) = (segment.first..segment.end.min(peak)).rev().find_map(below) {
-                up = k as f64 + (level - x) / (self.sa(k + 1, i) - x);
+                up = Some(k as f64 + (level - x) / (self.sa(k + 1, i) - x));
                 break;
             }
         }
-        let mut down = f64::INFINITY;
+        let mut down = None;
         for (i, segment) in self.segments.iter().enumerate().skip(peak_at).filter(|(_, s)| s.sa_low < level) {
             let stress = segment.sa();
             let below = |k: usize| Some((k, stress.at(k))).filter(|&(_, x)| x < level);
             if let Some((k, x)) = (segment.first.max(peak + 1)..segment.end).find_map(below) {
-                down = k as f64 - (level - x) / (self.sa(k - 1, i) - x);
+                down = Some(k as f64 - (level - x) / (self.sa(k - 1, i) - x));
                 break;
             }
         }
-        // Where a segment's lowest stress lies above the extension from the crossing found so far, none of its samples
-        // can move it.
-        for segment in self.segments[..=peak_at].iter().rev() {
-            if segment.end as f64 <= up {
-                break;
-            }
-            if segment.sa_low - level < rate * (segment.end as f64 - up.max(0.0)) {
-                let stress = segment.sa();
-                let foot = |k: usize| k as f64 - (stress.at(k) - level) / rate;
-                up = (segment.first..segment.end.min(peak + 1)).filter(|k| *k as f64 > up).map(foot).fold(up, f64::max);
-            }
-        }
-        for segment in &self.segments[peak_at..] {
-            if segment.first as f64 >= down {
-                break;
-            }
-            if segment.sa_low - level < rate * (down.min(end) - segment.first as f64) {
-                let stress = segment.sa();
-                let foot = |k: usize| k as f64 + (stress.at(k) - level) / rate;
-                let samples = segment.first.max(peak)..segment.end;
-                down = samples.filter(|k| (*k as f64) < down).map(foot).fold(down, f64::min);
-            }
-        }
-        Duration { ms: down.min(end) - up.max(0.0), cut: up < 0.0 || down > end }
+        let end = (self.n - 1) as f64;
+        Duration { ms: down.unwrap_or(end) - up.unwrap_or(0.0), cut: up.is_none() || down.is_none() }
     }
 }
 
@@ -318,18 +286,11 @@ mod tests {
     fn of_samples(sa: &[f64], lambda: &[f64]) -> (CellBiomarkers, Penalty) {
         let peak = (0..sa.len()).fold(0, |best, k| if sa[k] > sa[best] { k } else { best });
         let duration = |level: f64| {
-            let rate = sa[peak] / 10_000.0;
             let cross = |a: usize, b: usize| a as f64 + (level - sa[a]) / (sa[b] - sa[a]) * (b as f64 - a as f64);
             let up = (0..peak).rev().find(|&k| sa[k] < level).map(|k| cross(k, k + 1));
             let down = (peak + 1..sa.len()).find(|&k| sa[k] < level).map(|k| cross(k, k - 1));
-            // The first sample below the level is on the far side of the crossing, so its own extension is not one.
-            let foot = |k: usize| (sa[k] - level) / rate;
-            let from = up.map_or(0, |up| up.floor() as usize + 1);
-            let to = down.map_or(sa.len(), |down| down.ceil() as usize);
-            let up = (from..=peak).map(|k| k as f64 - foot(k)).fold(up.unwrap_or(f64::NEG_INFINITY), f64::max);
-            let down = (peak..to).map(|k| k as f64 + foot(k)).fold(down.unwrap_or(f64::INFINITY), f64::min);
-            let end = (sa.len() - 1) as f64;
-            Duration { ms: down.min(end) - up.max(0.0), cut: up < 0.0 || down > end }
+            let ms = down.unwrap_or((sa.len() - 1) as f64) - up.unwrap_or(0.0);
+            Duration { ms, cut: up.is_none() || down.is_none() }
         };
         let rises: Vec<f64> = sa[peak..].windows(2).map(|w| (w[1] - w[0]).max(0.0)).collect();
         let square = |k: usize| sa[k].min(0.0).powi(2);

@@ -1,9 +1,8 @@
 //! Biomarkers of a cellular active stress trace, of fibre stretch, and of the calcium transient.
 //!
-//! Source: Jung et al. 2022, Mathematics 10(5):823, Appendix C. Nothing here allocates: step 2 calls it in its loop. No
-//! duration jumps where the trace only touches a level (see `Cycle::leaves`).
+//! Source: Jung et al. 2022, Mathematics 10(5):823, Appendix C. Nothing here allocates: step 2 calls it in its loop.
 
-use crate::cycle::{Continuation, Crossing, Cycle, Side, Way};
+use crate::cycle::{Continuation, Cycle};
 use cardiotwin_units::{Kpa, MicroMolar, Ms, Stretch};
 use serde::{Deserialize, Serialize};
 
@@ -41,9 +40,9 @@ pub enum CellTraceError {
 /// Which of the three levels of an active stress trace were not crossed within the beat, in the order STD30, STD50, STD90.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct Unreached {
-    /// Not crossed upwards between the beat's begin and the maximum: taken at the first sample.
+    /// Not crossed upwards before the maximum: taken at the first sample.
     pub upstroke: [bool; 3],
-    /// Not crossed downwards between the maximum and the beat's end: taken at the end of the beat.
+    /// Not crossed downwards after the maximum: taken at the end of the beat.
     pub downstroke: [bool; 3],
 }
 
@@ -83,9 +82,6 @@ pub struct ActiveStressBiomarkers {
 impl ActiveStressBiomarkers {
     /// Fractions of the maximum between whose crossings STD30, STD50 and STD90 are measured, dimensionless.
     pub const LEVELS: [f64; 3] = [0.7, 0.5, 0.1];
-    /// Fraction of the maximum per ms that a stress has at least while it leaves a level: a tenth in 1000 ms. The slowest of
-    /// the reference cells takes 620 ms; slower stress is taken to leave so fast.
-    pub const STEEPNESS_PER_MS: f64 = 1.0 / 10_000.0;
 
     /// Biomarkers of an active stress trace (Jung 2022, Appendix C; baseline zero).
     ///
@@ -109,12 +105,11 @@ impl ActiveStressBiomarkers {
         let mut unreached = Unreached::default();
         let mut durations = [0.0; 3];
         for (k, fraction) in Self::LEVELS.into_iter().enumerate() {
-            let leaves = |way| cycle.leaves(peak, way, Side::Above, fraction * sa_max, Self::STEEPNESS_PER_MS * sa_max);
-            let [rise, fall] = [leaves(Way::Back), leaves(Way::On)].map(|c| c.map_or(f64::NAN, |c| c.time_ms));
-            // A crossing at the very end is one; beyond the end nothing is known.
-            unreached.upstroke[k] = rise < begin;
-            unreached.downstroke[k] = fall > end;
-            durations[k] = fall.min(end) - rise.max(begin);
+            let rise = cycle.last_rise(fraction * sa_max, peak);
+            let fall = cycle.first_fall(fraction * sa_max, peak);
+            unreached.upstroke[k] = rise.is_none();
+            unreached.downstroke[k] = fall.is_none();
+            durations[k] = fall.unwrap_or(end) - rise.unwrap_or(begin);
         }
         Ok(Self {
             sa_max: Kpa(sa_max),
@@ -151,10 +146,6 @@ pub struct CalciumDurations {
 }
 
 impl CalciumDurations {
-    /// Fraction of the amplitude per ms that a decay has at least, as [`ActiveStressBiomarkers::STEEPNESS_PER_MS`]: a
-    /// tenth in 500 ms, since calcium decays with time constants of up to 200 ms.
-    pub const STEEPNESS_PER_MS: f64 = 1.0 / 5000.0;
-
     /// Durations of a sampled calcium transient (Jung 2022, Appendix C).
     ///
     /// - `time_ms`, `ca_um`: equally long, strictly increasing times, one beat
@@ -169,15 +160,12 @@ impl CalciumDurations {
         let peak = cycle.argmax();
         let end = time_ms[time_ms.len() - 1];
         let amplitude = cycle.value(peak) - resting.0;
-        let rate = Self::STEEPNESS_PER_MS * amplitude;
-        let level = |fraction: f64| cycle.value(peak) - fraction * amplitude;
-        let decay = |fraction| cycle.leaves(peak, Way::On, Side::Above, level(fraction), rate);
-        // No transient, no decay: a calcium that rests at its maximum.
-        let [half, most] = [0.5, 0.9].map(|f| decay(f).map_or(f64::INFINITY, |c: Crossing| c.time_ms));
+        let decay = |fraction: f64| cycle.first_fall(cycle.value(peak) - fraction * amplitude, peak);
+        let (half, most) = (decay(0.5), decay(0.9));
         Ok(Self {
-            ctd50: Ms(half.min(end)) - activation,
-            ctd90: Ms(most.min(end)) - activation,
-            unreached: [half > end, most > end],
+            ctd50: Ms(half.unwrap_or(end)) - activation,
+            ctd90: Ms(most.unwrap_or(end)) - activation,
+            unreached: [half.is_none(), most.is_none()],
         })
     }
 }

@@ -238,6 +238,20 @@ impl<'a> Cycle<'a> {
         self.value(i) + (self.value(i + 1) - self.value(i)) * (within - t0) / (t1 - t0)
     }
 
+    /// Time of the last crossing of `level` from below at or before sample `before`, by linear interpolation.
+    pub(crate) fn last_rise(&self, level: f64, before: isize) -> Option<f64> {
+        let lowest = self.lowest(before);
+        let crosses = |i: &isize| self.value(i - 1) < level && self.value(*i) >= level;
+        (lowest + 1..=before).rev().find(crosses).map(|i| self.interpolate(i - 1, level))
+    }
+
+    /// Time of the first crossing of `level` from above at or after sample `after`, by linear interpolation.
+    pub(crate) fn first_fall(&self, level: f64, after: isize) -> Option<f64> {
+        let highest = self.highest(after);
+        let crosses = |i: &isize| self.value(*i) > level && self.value(i + 1) <= level;
+        (after..highest).find(crosses).map(|i| self.interpolate(i, level))
+    }
+
     fn interpolate(&self, i: isize, level: f64) -> f64 {
         let (t0, t1) = (self.time(i), self.time(i + 1));
         let (v0, v1) = (self.value(i), self.value(i + 1));
