@@ -126,7 +126,7 @@ impl Default for WallSettings {
             active_convention: ActiveConvention::default(),
             cross_fibre_share: 0.0,
             epicardial_duration_share: 0.9,
-            sheet_normal_share: 0.4,
+            sheet_normal_share: 0.2,
             aorta_mu_kpa: 26.66,
             aorta_kappa_kpa: 1000.0,
             passive: PassiveTissues::new(),

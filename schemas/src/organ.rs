@@ -107,14 +107,50 @@ pub enum ContractionSpec {
     Land2017Rice {
         /// Parameters that differ from the defaults, by the paper's names.
         parameters: BTreeMap<String, f64>,
+        /// Stretch at which the cell's periodic beat begins.
+        #[serde(default = "one")]
+        lambda_0: f64,
     },
     /// Land 2017 driven by a given calcium transient, verification.
     Land2017Trace {
         /// Parameters that differ from the defaults, by the paper's names.
         parameters: BTreeMap<String, f64>,
+        /// Stretch at which the cell's periodic beat begins.
+        #[serde(default = "one")]
+        lambda_0: f64,
         /// Calcium from activation on, columns `time_ms` and `Ca_uM`.
         calcium: InputFile,
     },
+}
+
+const fn one() -> f64 {
+    1.0
+}
+
+/// The length from which a cell's stretch is counted.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum StretchOrigin {
+    /// Its own slack length, which follows from the unloaded wall.
+    Unloaded,
+    /// Its length at end-diastole, where the stretch is one (the paper's).
+    EndDiastole,
+}
+
+/// The stretch that a cell in the organ knows.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct CellStretch {
+    /// Where it is counted from.
+    pub origin: StretchOrigin,
+    /// Slack length over the length in the unloaded wall; of no effect from end-diastole.
+    pub slack_stretch: f64,
+}
+
+impl Default for CellStretch {
+    fn default() -> Self {
+        Self { origin: StretchOrigin::EndDiastole, slack_stretch: 1.0 }
+    }
 }
 
 /// Forward and backward resistances of the diode valves.

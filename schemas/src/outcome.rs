@@ -240,6 +240,8 @@ pub struct Step1ProposalResult {
 pub struct TargetsResult {
     /// First value of the median stretch trace.
     pub lambda_0: f64,
+    /// Largest stretch of any node at any time.
+    pub lambda_max: f64,
     /// Biomarkers of the median traces.
     pub targets: CellBiomarkers,
     /// Nodes that entered the medians.
@@ -324,6 +326,8 @@ pub struct FittedParameter {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct CellFitResult {
+    /// Stretch at which the cell's beat begins: the median trace's first.
+    pub lambda_0: f64,
     /// Fitted parameters in the order of the settings.
     pub parameters: Vec<FittedParameter>,
     /// What the fit reached.

@@ -8,7 +8,9 @@ use serde::{Deserialize, Serialize};
 use crate::biomarkers::Biomarkers;
 use crate::external::{ExternalOrgan, ExternalSettings};
 use crate::ids::PatientId;
-use crate::organ::{BeatCount, CirculationSpec, ContractionSpec, OrganSpec, Step1Parameters, ValveParameters};
+use crate::organ::{
+    BeatCount, CellStretch, CirculationSpec, ContractionSpec, OrganSpec, Step1Parameters, ValveParameters,
+};
 use crate::outcome::PassiveStateResult;
 use crate::settings::{ActivationSettings, Fidelity, Settings, StartMode};
 use crate::task::{InputFile, OrganBeatSpec, PassiveStateSpec, Step1ProposalSpec, Step1Run, TaskSpec};
@@ -105,6 +107,7 @@ impl ResolvedPatient {
             circulation: CirculationSpec { effects, ..step0.circulation.clone() },
             valves,
             contraction,
+            cell_stretch: CellStretch { origin: solver.cell_stretch, slack_stretch: solver.slack_stretch },
             beats,
             measured_end_diastolic_volume_ml: step0.measured.edv_ml,
             finite_element: in_3d.then(|| solver.finite_element.equations()),

@@ -12,7 +12,7 @@ use crate::finite_element::{AnatomySpec, EquationSettings, OwnMesh};
 use crate::hash::{canonical_json, sha256_hex};
 use crate::ids::{AttemptId, TaskKey};
 use crate::organ::{
-    BeatCount, CirculationSpec, ContractionSpec, EffectSpec, OneFibrePassive, OrganSpec, Step1Parameters,
+    BeatCount, CellStretch, CirculationSpec, ContractionSpec, EffectSpec, OneFibrePassive, OrganSpec, Step1Parameters,
     ValveParameters, WindkesselParameters,
 };
 use crate::settings::{ActivationSettings, CellFitSettings, InstructionSet, StartMode};
@@ -83,8 +83,10 @@ impl TaskSpec {
     pub fn model_version(&self) -> u32 {
         match self {
             Self::PassiveState(_) => 5,
-            Self::CellFit(_) | Self::Discover(_) | Self::OrganBeat(_) | Self::Step1Proposal(_) => 4,
-            Self::Targets(_) | Self::CellSweep(_) => 2,
+            Self::Discover(_) => 4,
+            Self::CellFit(_) | Self::OrganBeat(_) | Self::Step1Proposal(_) => 5,
+            Self::Targets(_) => 3,
+            Self::CellSweep(_) => 2,
             Self::Noop(_) => 1,
         }
     }
@@ -206,6 +208,9 @@ pub struct OrganBeatSpec {
     pub valves: ValveParameters,
     /// Active stress.
     pub contraction: ContractionSpec,
+    /// The stretch that its cells know.
+    #[serde(default)]
+    pub cell_stretch: CellStretch,
     /// How many beats.
     pub beats: BeatCount,
     /// For `end_of_beat_gap`.
@@ -269,6 +274,8 @@ pub struct CellFitSpec {
     pub cycle_length_ms: f64,
     /// First value of the median stretch trace.
     pub lambda_0: f64,
+    /// Largest stretch of any node: Ca50 stays above the resting calcium up to there.
+    pub lambda_max: f64,
     /// What is to be reached.
     pub targets: CellBiomarkers,
     /// Method, parameters, bounds, weights, frozen values.

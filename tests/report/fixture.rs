@@ -430,6 +430,7 @@ fn finished(folder: &Folder, printed: &Printed, id: &str) -> PatientRecord {
         });
     let fit_cost = 0.05 + 0.01 * f64::from(taken);
     let fit = CellFitResult {
+        lambda_0: 1.0,
         parameters: fitted_parameters.collect(),
         reached,
         targets,
@@ -464,7 +465,7 @@ fn finished(folder: &Folder, printed: &Printed, id: &str) -> PatientRecord {
             &[("median", median)],
             0.004,
             None,
-            TargetsResult { lambda_0: 1.0, targets, n_nodes: 16, has_calcium: false },
+            TargetsResult { lambda_0: 1.0, lambda_max: 1.0, targets, n_nodes: 16, has_calcium: false },
         )),
         cell_fit: Some(folder.record(
             "cell-fit",

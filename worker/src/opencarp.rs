@@ -62,7 +62,7 @@ pub fn plugin(contraction: &ContractionSpec) -> Result<Plugin, TaskError> {
                 ("ldOn", 1.0),
             ]),
         }),
-        ContractionSpec::Land2017Rice { parameters } | ContractionSpec::Land2017Trace { parameters, .. } => {
+        ContractionSpec::Land2017Rice { parameters, .. } | ContractionSpec::Land2017Trace { parameters, .. } => {
             // Cycle length and stretch at the start are no parameters of the model.
             let cell = NamedCell::new(1000.0, 1.0).with(parameters)?;
             let [k_uw, k_ws] = [cell.value("k_UW_per_ms")?, cell.value("k_WS_per_ms")?];
@@ -199,8 +199,8 @@ fn parameter_file(spec: &OrganBeatSpec, meshed: bool) -> Result<(&'static str, S
 fn transient(spec: &OrganBeatSpec) -> Result<Option<String>, TaskError> {
     let samples: Vec<f64> = match &spec.contraction {
         ContractionSpec::Tanh { .. } => return Ok(None),
-        ContractionSpec::Land2017Rice { parameters } => {
-            let cell = NamedCell::new(spec.cycle_length_ms, 1.0).with(parameters)?.parameters();
+        ContractionSpec::Land2017Rice { parameters, lambda_0 } => {
+            let cell = NamedCell::new(spec.cycle_length_ms, *lambda_0).with(parameters)?.parameters();
             let CalciumInput::Rice(rice) = cell.calcium else { return Ok(None) };
             let rice = Rice2008::new(rice).map_err(CellError::Calcium)?;
             let n = spec.cycle_length_ms.floor() as usize + 1;
@@ -229,12 +229,16 @@ mod tests {
         let expected = "t_emd=15,Tpeak=91.5,tau_c0=40,tau_r=110,t_dur=550,lambda_0=0.7,ld=5,ld_up=500,ldOn=1";
         assert_eq!(found.parameters, expected);
         let fitted = BTreeMap::from([("n_Tm".to_owned(), 4.5), ("k_UW_per_ms".to_owned(), 0.052)]);
-        let found = plugin(&ContractionSpec::Land2017Rice { parameters: fitted }).unwrap();
+        let found = plugin(&ContractionSpec::Land2017Rice { parameters: fitted, lambda_0: 1.0 }).unwrap();
         assert_eq!(found.name, "Stress_Land17");
         // Land's whole-organ defaults are 7 and 3 times those of skinned muscle.
         assert!(found.parameters.contains("nperm=4.5,ktm_unblock=1,nu=2,mu=3,"), "{}", found.parameters);
         assert!(
-            plugin(&ContractionSpec::Land2017Rice { parameters: BTreeMap::from([("x".to_owned(), 1.0)]) }).is_err()
+            plugin(&ContractionSpec::Land2017Rice {
+                parameters: BTreeMap::from([("x".to_owned(), 1.0)]),
+                lambda_0: 1.0
+            })
+            .is_err()
         );
     }
 }

@@ -29,7 +29,7 @@ fn fit(settings: CellFitSettings) -> TaskSpec {
         std90_ms: 398.0,
         lambda_min: 0.835,
     };
-    let targets = TargetsResult { lambda_0: 1.0, targets, n_nodes: 16, has_calcium: false };
+    let targets = TargetsResult { lambda_0: 1.0, lambda_max: 1.0, targets, n_nodes: 16, has_calcium: false };
     TaskSpec::CellFit(Box::new(support::cell_fit_spec(852.0, &targets, settings)))
 }
 

@@ -82,7 +82,8 @@ pub fn settings(s: &Step1Settings, update: Update) -> Result<Settings, String> {
         bounds: bounds.collect::<Result<_, String>>()?,
         frozen: s.frozen.iter().map(|name| named(name)).collect::<Result<_, String>>()?,
         stop: match s.stop {
-            StopRule::FirstConverged => Stop::FirstConverged,
+            StopRule::Auto if update == Update::SpaceMapping => Stop::NoPromise,
+            StopRule::Auto | StopRule::FirstConverged => Stop::FirstConverged,
             StopRule::BestOfLimit => Stop::BestOfLimit,
         },
         weights: match update {

@@ -19,6 +19,7 @@ pub fn cell_fit(plan: &ResolvedPatient, targets: &TargetsResult, calcium: Option
     CellFitSpec {
         cycle_length_ms: plan.step0.cycle_length_ms,
         lambda_0: targets.lambda_0,
+        lambda_max: targets.lambda_max,
         targets: targets.targets,
         seed: stream(settings.seed, plan.random_stream().as_str()),
         fixed: settings.frozen.clone(),
@@ -79,9 +80,10 @@ pub fn cell_parameters(plan: &ResolvedPatient, fit: &CellFitResult) -> BTreeMap<
 /// The contraction of the verification beat.
 #[must_use]
 pub fn contraction(plan: &ResolvedPatient, fit: &CellFitResult, calcium: Option<InputFile>) -> ContractionSpec {
+    let lambda_0 = fit.lambda_0;
     let parameters = cell_parameters(plan, fit);
     match calcium {
-        None => ContractionSpec::Land2017Rice { parameters },
-        Some(calcium) => ContractionSpec::Land2017Trace { parameters, calcium },
+        None => ContractionSpec::Land2017Rice { parameters, lambda_0 },
+        Some(calcium) => ContractionSpec::Land2017Trace { parameters, lambda_0, calcium },
     }
 }

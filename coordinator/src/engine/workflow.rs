@@ -208,7 +208,12 @@ impl<'a> Derivation<'a, '_> {
             let decision = if self.plan.settings.step1_update() == Update::SpaceMapping {
                 match fixed_point::ended(&fixed_settings, &measured, &history) {
                     Ok(None) => match self.proposal(step0, &start, &runs)?.filter(|next| history.lacks(next)) {
-                        Some(parameters) => Ok(fixed_point::Decision::Next { parameters, from: None }),
+                        Some(parameters) => {
+                            let promised = self.chain.proposals.last().map_or(0.0, |last| last.predicted_misfit);
+                            let content = fixed_point::content(&fixed_settings, &measured, &history, promised);
+                            let next = fixed_point::Decision::Next { parameters, from: None };
+                            content.map(|ended| ended.unwrap_or(next))
+                        }
                         None => fixed_point::nothing_new(&fixed_settings, &measured, &history),
                     },
                     Ok(Some(ended)) => Ok(ended),

@@ -156,6 +156,7 @@ impl List {
     }
 
     fn solver(&mut self, solver: &SolverSettings) {
+        self.within("solver.slack_stretch", solver.slack_stretch, 0.8, 1.3);
         self.positive("solver.time_step_ms", solver.time_step_ms, 10.0);
         self.positive("solver.shortest_step_ms", solver.shortest_step_ms, 10.0);
         if solver.time_step_ms > 0.0 && solver.shortest_step_ms > solver.time_step_ms {

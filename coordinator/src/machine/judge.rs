@@ -123,6 +123,7 @@ fn step1_proposal(r: &Step1ProposalResult) -> Result<(), Failure> {
 
 fn targets(r: &TargetsResult) -> Result<(), Failure> {
     positive("first value of the median stretch", r.lambda_0)?;
+    positive("largest stretch", r.lambda_max)?;
     cell_biomarkers(&r.targets)?;
     if r.n_nodes == 0 {
         return Err(numerics("no node entered the medians".into()));

@@ -19,8 +19,8 @@ use cardiotwin_models::beat::{BeatOutcome, BeatSettings, run_beats};
 use cardiotwin_models::effects::Assembled;
 use cardiotwin_models::periodic::{FitSubject, Orbit, PeriodicSettings, find};
 use cardiotwin_schemas::organ::{
-    ActivationSpec, BeatCount, CirculationSpec, ContractionSpec, OneFibrePassive, OrganSpec, TanhParameters,
-    ValveParameters, WindkesselParameters,
+    ActivationSpec, BeatCount, CellStretch, CirculationSpec, ContractionSpec, OneFibrePassive, OrganSpec,
+    TanhParameters, ValveParameters, WindkesselParameters,
 };
 use cardiotwin_schemas::task::OrganBeatSpec;
 use cardiotwin_units::{Ml, Ms};
@@ -171,6 +171,7 @@ fn average_ventricle() -> (OrganBeatSpec, OneFibrePassive, ActivationSpec) {
         },
         valves: ValveParameters::default(),
         contraction: ContractionSpec::Tanh { parameters: TanhParameters::default() },
+        cell_stretch: CellStretch::default(),
         beats: BeatCount::Fixed { n: 1 },
         measured_end_diastolic_volume_ml: None,
         finite_element: None,

@@ -82,6 +82,7 @@ impl Case {
         CellFitSpec {
             cycle_length_ms: self.cycle_length_ms,
             lambda_0: self.lambda_0,
+            lambda_max: self.lambda_0,
             targets: self.targets,
             seed: settings.seed,
             settings,

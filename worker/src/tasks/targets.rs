@@ -22,7 +22,7 @@ use crate::nodal::{NodalReadError, NodalRows, number};
 /// [`TaskError`] when the file is not as planned, or its traces have no biomarkers.
 pub fn run(spec: &TargetsSpec, context: &mut Context) -> Result<TaskResult, TaskError> {
     context.check_stop()?;
-    let (spread, n_nodes, has_calcium) = match read(spec, context) {
+    let (spread, n_nodes, has_calcium, lambda_max) = match read(spec, context) {
         Ok(found) => found,
         Err(Unread::Stopped(error)) => return Err(error),
         Err(Unread::File(error)) => {
@@ -41,7 +41,7 @@ pub fn run(spec: &TargetsSpec, context: &mut Context) -> Result<TaskResult, Task
     context.artefacts.write("median", "median.csv", &median_csv(&median, has_calcium))?;
     context.artefacts.write("spread", "spread.csv", &spread_csv(&spread, has_calcium))?;
     let lambda_0 = median.lambda[0];
-    Ok(TaskResult::Targets(TargetsResult { lambda_0, targets, n_nodes, has_calcium }))
+    Ok(TaskResult::Targets(TargetsResult { lambda_0, lambda_max, targets, n_nodes, has_calcium }))
 }
 
 /// Why nodal traces were not read.
@@ -56,18 +56,21 @@ impl From<NodalReadError> for Unread {
     }
 }
 
-/// How nodes spread, how many they are and whether they have calcium, from a file that is read row by row.
-fn read(spec: &TargetsSpec, context: &Context) -> Result<(Option<NodalSpread>, u64, bool), Unread> {
+/// How nodes spread, how many they are, whether they have calcium, and the largest stretch, from a file that is read row by row.
+fn read(spec: &TargetsSpec, context: &Context) -> Result<(Option<NodalSpread>, u64, bool, f64), Unread> {
     let mut rows = NodalRows::begin(Verifying::open(&spec.nodal).map_err(Unread::Stopped)?)?;
     let has_calcium = rows.has_calcium;
     let mut growing = GrowingSpread::new(rows.activation_ms.clone(), rows.weights.clone(), has_calcium);
+    let n_nodes = rows.activation_ms.len();
+    let mut lambda_max = f64::NEG_INFINITY;
     while let Some((time_ms, values)) = rows.next_row()? {
+        // The stretch of all nodes comes last.
+        lambda_max = values[values.len() - n_nodes..].iter().fold(lambda_max, |most, x| most.max(*x));
         growing.add(time_ms, values);
         context.check_stop().map_err(Unread::Stopped)?;
     }
-    let n_nodes = rows.activation_ms.len() as u64;
     rows.into_inner().into_inner().verify().map_err(Unread::Stopped)?;
-    Ok((growing.finish(), n_nodes, has_calcium))
+    Ok((growing.finish(), n_nodes as u64, has_calcium, lambda_max))
 }
 
 /// The biomarkers that step 2 aims at, in the form of files.

@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use cardiotwin_calibrate::fixed_point::{self, Bounds, Decision, History, Outcome, Parameter};
 use cardiotwin_schemas::finite_element::FiniteElementSettings;
 use cardiotwin_schemas::hash::sha256_hex;
-use cardiotwin_schemas::organ::{BeatCount, ContractionSpec, OrganSpec, Step1Parameters};
+use cardiotwin_schemas::organ::{BeatCount, CellStretch, ContractionSpec, OrganSpec, Step1Parameters};
 use cardiotwin_schemas::outcome::{
     CellFitResult, Ending, OrganBeatResult, PassiveStateResult, TargetsResult, TaskResult,
 };
@@ -100,6 +100,7 @@ pub fn beat_spec(
         circulation: state.circulation.clone(),
         valves: parameters.valves,
         contraction,
+        cell_stretch: CellStretch::default(),
         beats: BeatCount::Fixed { n: 1 },
         measured_end_diastolic_volume_ml: state.measured.edv_ml,
         finite_element: match state.organ {
@@ -140,7 +141,7 @@ pub fn fixed_point_settings(settings: &Step1Settings) -> fixed_point::Settings {
         stagnation_fraction: settings.stall_improvement,
         bounds: bounds.collect(),
         stop: match settings.stop {
-            StopRule::FirstConverged => fixed_point::Stop::FirstConverged,
+            StopRule::Auto | StopRule::FirstConverged => fixed_point::Stop::FirstConverged,
             StopRule::BestOfLimit => fixed_point::Stop::BestOfLimit,
         },
         ..fixed_point::Settings::default()
@@ -204,6 +205,7 @@ pub fn cell_fit_spec(cycle_length_ms: f64, targets: &TargetsResult, settings: Ce
     CellFitSpec {
         cycle_length_ms,
         lambda_0: targets.lambda_0,
+        lambda_max: targets.lambda_max,
         targets: targets.targets,
         seed: settings.seed,
         settings,
@@ -215,5 +217,5 @@ pub fn cell_fit_spec(cycle_length_ms: f64, targets: &TargetsResult, settings: Ce
 /// The fitted cell as the contraction model of the verification beat.
 pub fn fitted_contraction(fit: &CellFitResult) -> ContractionSpec {
     let parameters = fit.parameters.iter().map(|parameter| (parameter.name.clone(), parameter.value));
-    ContractionSpec::Land2017Rice { parameters: parameters.collect() }
+    ContractionSpec::Land2017Rice { parameters: parameters.collect(), lambda_0: fit.lambda_0 }
 }

@@ -165,7 +165,11 @@ async fn space_mapping_asks_for_a_proposal_before_each_simulation_and_goes_on_af
     let (summary, submitted) = bench.run().await;
     assert_eq!(summary.done, 1);
     let step1 = &submitted[1..submitted.len() - 3];
-    assert!(step1.len() >= 4 && step1.chunks(2).all(|pair| pair == ["step1-proposal", "organ-beat"]), "{step1:?}");
+    // The last proposal may promise too little to be simulated.
+    assert!(
+        step1.len() >= 4 && step1.chunks(2).all(|pair| ["step1-proposal", "organ-beat"].starts_with(pair)),
+        "{step1:?}"
+    );
     let record = bench.patient("P1").await;
     assert_eq!(record.step1.unwrap().quality, Step1Quality::Converged);
     let from: Vec<_> =

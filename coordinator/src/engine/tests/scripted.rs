@@ -212,9 +212,16 @@ impl Script {
             }
             TaskSpec::Targets(_) => {
                 let has_calcium = false;
-                TaskResult::Targets(TargetsResult { lambda_0: 1.0, targets: cell(), n_nodes: 16, has_calcium })
+                TaskResult::Targets(TargetsResult {
+                    lambda_0: 1.0,
+                    lambda_max: 1.0,
+                    targets: cell(),
+                    n_nodes: 16,
+                    has_calcium,
+                })
             }
             TaskSpec::CellFit(spec) => TaskResult::CellFit(CellFitResult {
+                lambda_0: spec.lambda_0,
                 parameters: vec![fitted("n_Tm", 5.0, 3.0, 7.0), fitted("a_p_kPa", 43.0, 1.0, 100.0)],
                 reached: cell(),
                 targets: spec.targets,

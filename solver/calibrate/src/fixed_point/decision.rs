@@ -214,6 +214,30 @@ pub fn nothing_new(settings: &Settings, measured: &Biomarkers, history: &History
     Ok(Run::new(settings, measured, history)?.ending(Quality::Stalled, Ending::NothingNew))
 }
 
+/// How the loop ends where that rule's next parameters promise too little, under [`super::Stop::NoPromise`]: the best
+/// iteration is within the tolerance, and the promised misfit is not lower than its own by [`PROMISED_FRACTION`].
+///
+/// - `promised_misfit`: weighted misfit that the rule expects of its next parameters
+///
+/// # Errors
+/// As for [`decide`].
+pub fn content(
+    settings: &Settings,
+    measured: &Biomarkers,
+    history: &History,
+    promised_misfit: f64,
+) -> Result<Option<Decision>, FixedPointError> {
+    let run = Run::new(settings, measured, history)?;
+    let best = run.best(history.iterations.len()).and_then(|best| run.misfits[best]);
+    let is_little = best.is_some_and(|best| promised_misfit > best * (1.0 - PROMISED_FRACTION));
+    let ends = settings.stop == super::Stop::NoPromise && run.converged() && is_little;
+    Ok(ends.then(|| run.ending(Quality::Converged, Ending::Tolerance)))
+}
+
+/// Fraction of the misfit that another simulation must promise to take away: a fifth, some three times the error of the
+/// promise from the second simulation on.
+pub const PROMISED_FRACTION: f64 = 0.2;
+
 /// Biomarkers of each iteration that count: none where it failed or lost the whole beat that there was before.
 fn told(history: &History) -> impl Iterator<Item = Option<&Biomarkers>> {
     let mut is_early = true;

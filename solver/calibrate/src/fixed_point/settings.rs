@@ -11,6 +11,8 @@ pub enum Stop {
     /// At the first iteration whose cost is within the tolerance, as in the paper.
     #[default]
     FirstConverged,
+    /// Within the tolerance, and another rule's next parameters promise little: see [`super::content`].
+    NoPromise,
     /// Goes on to the limit (or stagnation) and takes the best iteration.
     BestOfLimit,
 }

@@ -56,9 +56,9 @@ impl ActiveLaw {
                 out.s[axis] = share.mul_add(factor, out.s[axis]);
                 if TANGENT {
                     out.d[at(axis, axis)] = share.mul_add(factor_slope, out.d[at(axis, axis)]);
-                    // The stress across depends on the stretch along, not the other way round: the tangent is not
-                    // symmetric. Newton gets the symmetric half of the coupling.
-                    out.d[at(0, axis)] = out.d[at(0, axis)] + slope_e.times(0.5 * cross) * factor;
+                    // The stress across also depends on the stretch along, not the other way round. Newton goes
+                    // without this coupling: triangular, it only delays the convergence, while its symmetric half makes
+                    // the tangent indefinite where a cell resists shortening (Land's slope is 40 times its stress).
                 }
             }
         }

@@ -98,7 +98,7 @@ proptest! {
 }
 
 #[test]
-fn cross_fibre_share_has_the_symmetric_half_of_its_coupling() {
+fn cross_fibre_share_leaves_its_coupling_out_of_the_tangent() {
     let c = [1.1, 0.95, 1.02, 0.03, -0.02, 0.05];
     let law = laws()[0];
     let make = |cross_fibre| {
@@ -112,7 +112,8 @@ fn cross_fibre_share_has_the_symmetric_half_of_its_coupling() {
     let d = stress::<f64, true>(&with, &c).d;
     let slope = |k: usize, i: usize| stress::<Dual, false>(&with, &along(&c, k)).s[i].slope;
     assert!(near(d[at(1, 1)], slope(1, 1), 1e3));
-    assert!(near(d[at(0, 1)], 0.5 * (slope(0, 1) + slope(1, 0)), 1e3));
+    // The stress along knows nothing of the stretch across; the other coupling is left out.
+    assert!(near(d[at(0, 1)], slope(1, 0), 1e3) && slope(0, 1) != slope(1, 0));
     let (ta, _) = tension(c[0].sqrt());
     let more = stress::<f64, false>(&with, &c).s[1] - stress::<f64, false>(&make(0.0), &c).s[1];
     assert!(near(more, 0.4 * ta / c[1].sqrt(), 1.0));

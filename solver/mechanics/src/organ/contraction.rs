@@ -9,7 +9,7 @@
 use std::sync::Arc;
 
 use cardiotwin_models::calcium::Calcium;
-use cardiotwin_models::contraction::{Contraction, ContractionError, NodeStep};
+use cardiotwin_models::contraction::{Contraction, ContractionError, NodeStep, StretchReference};
 use cardiotwin_models::effects::FibreViscosity;
 use cardiotwin_models::ventricle::GroupContraction;
 
@@ -27,7 +27,7 @@ use crate::step::PointStress;
 struct Points {
     /// Contraction states, point after point.
     cells: Vec<f64>,
-    /// Stretch from end-diastole.
+    /// Stretch from the length that the cell knows.
     lambda: Vec<f64>,
     /// Active stress as the model gives it \[kPa\].
     sa_kpa: Vec<f64>,
@@ -41,12 +41,13 @@ pub(super) struct SharedModel {
     model: Arc<dyn Contraction>,
     calcium: Option<Arc<dyn Calcium>>,
     start: Vec<f64>,
+    stretch: StretchReference,
 }
 
 impl SharedModel {
     pub fn new(contraction: GroupContraction) -> Self {
-        let (model, calcium, start) = contraction.into_parts();
-        Self { model: Arc::from(model), calcium, start }
+        let (model, calcium, start, stretch) = contraction.into_parts();
+        Self { model: Arc::from(model), calcium, start, stretch }
     }
 }
 
@@ -66,6 +67,7 @@ pub struct PointContraction {
     duration: Vec<f64>,
     /// Stretch of end-diastole from the unloaded state.
     lambda_ed: Vec<f64>,
+    stretch: StretchReference,
     since_ms: Vec<f64>,
     now: Points,
     trial: Points,
@@ -90,7 +92,7 @@ impl PointContraction {
     ///
     /// - `wall`: convention of the active stress, and how much earlier contraction ends at the epicardium
     /// - `activation_ms`: activation time of each vertex of the mesh
-    /// - `end_diastole`: deformation in which the stretch is one
+    /// - `end_diastole`: deformation at end-diastole
     pub(super) fn new(
         contraction: &SharedModel,
         cycle_length_ms: f64,
@@ -100,7 +102,7 @@ impl PointContraction {
         activation_ms: &[f64],
         end_diastole: &Deformation,
     ) -> Self {
-        let SharedModel { model, calcium, start } = contraction.clone();
+        let SharedModel { model, calcium, start, stretch } = contraction.clone();
         let (mut places, mut times, mut duration, mut lambda_ed) = (vec![], vec![], vec![], vec![]);
         let longer = 2.0 * (wall.epicardial_duration - 1.0) / (wall.epicardial_duration + 1.0);
         let n_batches = body.n_point_batches();
@@ -122,7 +124,7 @@ impl PointContraction {
         let n = places.len();
         let now = Points {
             cells: start.repeat(n),
-            lambda: vec![1.0; n],
+            lambda: lambda_ed.iter().map(|ed| stretch.at_end_diastole(*ed)).collect(),
             sa_kpa: vec![0.0; n],
             ca_um: vec![0.0; if calcium.is_some() { n } else { 0 }],
         };
@@ -137,6 +139,7 @@ impl PointContraction {
             activation_ms: times,
             duration,
             lambda_ed,
+            stretch,
             since_ms: vec![0.0; n],
             trial: now.clone(),
             now,
@@ -265,7 +268,9 @@ impl PointStress for PointContraction {
         for (k, &(idx, lane)) in self.places.iter().enumerate() {
             let (idx, lane) = (idx as usize, lane as usize);
             let ed = self.lambda_ed[k];
-            let lambda = deformation.squared_stretch[idx][lane].sqrt() / ed;
+            // The body's reference is the unloaded state.
+            let per_stretch = self.stretch.at_end_diastole(ed) / ed;
+            let lambda = deformation.squared_stretch[idx][lane].sqrt() * per_stretch;
             let step = NodeStep {
                 since_activation_ms: self.since_ms[k],
                 dt_ms,
@@ -278,19 +283,19 @@ impl PointStress for PointContraction {
             let stress = self.model.try_step(&step, &self.now.cells[states.clone()], &mut self.trial.cells[states])?;
             self.trial.lambda[k] = lambda;
             self.trial.sa_kpa[k] = stress.sa_kpa;
-            // The body's reference is the unloaded state, the model's stress belongs to end-diastole.
+            let configuration = self.stretch.stress_configuration(ed);
             let factor = match self.convention {
                 ActiveConvention::PerSquaredStretch => 1.0,
-                ActiveConvention::FirstPiola => 1.0 / ed,
-                ActiveConvention::SecondPiola => 1.0 / (ed * ed),
+                ActiveConvention::FirstPiola => 1.0 / configuration,
+                ActiveConvention::SecondPiola => 1.0 / (configuration * configuration),
             };
             let (viscous, slope) = self.viscosity.map_or((0.0, 0.0), |viscosity| {
-                let change = lambda - self.now.lambda[k];
+                let change = (lambda - self.now.lambda[k]) / (per_stretch * ed);
                 let eta = if change < 0.0 { viscosity.shortening_kpa_ms } else { viscosity.lengthening_kpa_ms };
-                (eta * change / dt_ms, eta / dt_ms)
+                (eta * change / dt_ms, eta / dt_ms / ed)
             });
             out[idx].sa_kpa[lane] = factor * (stress.sa_kpa + viscous);
-            out[idx].slope_kpa[lane] = factor * (stress.dsa_dlambda_kpa + slope) / ed;
+            out[idx].slope_kpa[lane] = factor * (stress.dsa_dlambda_kpa * per_stretch + slope);
         }
         Ok(())
     }

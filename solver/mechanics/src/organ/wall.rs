@@ -64,7 +64,7 @@ impl Default for WallParameters {
         Self {
             muscle: Law::Guccione(Guccione::guccione1995(1.0)),
             muscle_kappa_kpa: 1000.0,
-            active: ActiveLaw { sheet_normal: 0.4, ..ActiveLaw::PAPER },
+            active: ActiveLaw { sheet_normal: 0.2, ..ActiveLaw::PAPER },
             epicardial_duration: 0.9,
             passive_mu_kpa: 26.66,
             passive_kappa_kpa: 1000.0,

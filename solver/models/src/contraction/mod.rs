@@ -5,9 +5,11 @@
 
 pub mod land2017;
 mod land2017_step;
+mod reference;
 pub mod tanh;
 
 pub use land2017::{Land2017, Land2017Parameters};
+pub use reference::StretchReference;
 pub use tanh::{Tanh, TanhParameters};
 
 /// One node's time step: what the cell sees while the stretch goes linearly from `lambda_prev` to `lambda`.

@@ -73,7 +73,7 @@ pub trait Ventricle {
     /// Committed calcium of each node \[µM\] into `out`; NaN-free: zero where the model has none.
     fn calcium_um(&self, out: &mut [f64]);
 
-    /// Committed fibre stretch of each node, from end-diastole, into `out`.
+    /// Committed fibre stretch of each node, from the length that its cell knows, into `out`.
     fn stretch(&self, out: &mut [f64]);
 
     /// All committed states.

@@ -8,7 +8,7 @@ use super::{ActivationGroups, ActivationSpread, TriedStep, Ventricle, VentricleE
 use crate::calcium::Calcium;
 use crate::cell0d::{Cell0d, CellBeat};
 use crate::circulation::Circulation;
-use crate::contraction::{ActiveStress, Contraction, Land2017, Tanh, UniformStep};
+use crate::contraction::{ActiveStress, Contraction, Land2017, StretchReference, Tanh, UniformStep};
 use cardiotwin_units::{MMHG_PER_KPA, Ml, Mmhg, Ms};
 use std::sync::Arc;
 
@@ -18,13 +18,14 @@ pub struct GroupContraction {
     model: Box<dyn Contraction>,
     calcium: Option<Arc<dyn Calcium>>,
     start_state: Vec<f64>,
+    stretch: StretchReference,
 }
 
 impl GroupContraction {
     /// Tanh in every group.
     #[must_use]
     pub fn tanh(tanh: Tanh) -> Self {
-        Self { model: Box::new(tanh), calcium: None, start_state: Vec::new() }
+        Self { model: Box::new(tanh), calcium: None, start_state: Vec::new(), stretch: StretchReference::EndDiastole }
     }
 
     /// Land with the calcium of a 0D cell, started from the cell's periodic state.
@@ -35,6 +36,7 @@ impl GroupContraction {
             model: Box::new(land),
             calcium: Some(cell.shared_calcium()),
             start_state: beat.start_state.land.to_vec(),
+            stretch: StretchReference::EndDiastole,
         }
     }
 
@@ -58,18 +60,24 @@ impl GroupContraction {
                 expected: "given for this contraction model",
             });
         }
-        Ok(Self { model, calcium, start_state })
+        Ok(Self { model, calcium, start_state, stretch: StretchReference::EndDiastole })
     }
 }
 
-/// Model, calcium and start state of one node.
-pub type NodeContraction = (Box<dyn Contraction>, Option<Arc<dyn Calcium>>, Vec<f64>);
+/// Model, calcium and start state of one node, and the length that its stretch is counted from.
+pub type NodeContraction = (Box<dyn Contraction>, Option<Arc<dyn Calcium>>, Vec<f64>, StretchReference);
 
 impl GroupContraction {
-    /// Model, calcium and start state of one node: for a ventricle with nodes of its own.
+    /// The same with the stretch counted from another length than end-diastole's.
+    #[must_use]
+    pub fn with_stretch(self, stretch: StretchReference) -> Self {
+        Self { stretch, ..self }
+    }
+
+    /// All that one node has: for a ventricle with nodes of its own.
     #[must_use]
     pub fn into_parts(self) -> NodeContraction {
-        (self.model, self.calcium, self.start_state)
+        (self.model, self.calcium, self.start_state, self.stretch)
     }
 
     /// The model wrapped into another that keeps `own_start` further states after those of each node.
@@ -124,6 +132,8 @@ pub struct OneFibreVentricle {
     passive: OneFibrePassive,
     /// Stretch from the unloaded volume over that from end-diastole.
     stretch_ratio: f64,
+    /// The cells' stretch over that from end-diastole.
+    cell_stretch: f64,
     model: Box<dyn Contraction>,
     calcium: Option<Arc<dyn Calcium>>,
     cycle_length_ms: f64,
@@ -183,6 +193,8 @@ impl OneFibreVentricle {
         let n_calcium = if contraction.calcium.is_some() { n } else { 0 };
         let volume_ml = passive.end_diastolic_volume.0;
         let cells = contraction.start_state.repeat(n);
+        let stretch_ratio = passive.stretch_ratio();
+        let cell_stretch = contraction.stretch.at_end_diastole(stretch_ratio);
         let mut ventricle = Self {
             model: contraction.model,
             calcium: contraction.calcium,
@@ -193,7 +205,7 @@ impl OneFibreVentricle {
             accepted_residual_ml: RESIDUAL_ML,
             now: State {
                 volume_ml,
-                lambda: 1.0,
+                lambda: cell_stretch,
                 cells: cells.clone(),
                 sa_kpa: vec![0.0; n],
                 ca_um: vec![0.0; n_calcium],
@@ -206,7 +218,8 @@ impl OneFibreVentricle {
                 stress: vec![ActiveStress::default(); n],
                 ..Trial::default()
             },
-            stretch_ratio: passive.stretch_ratio(),
+            stretch_ratio,
+            cell_stretch,
             passive,
             activation_ms,
         };
@@ -248,8 +261,13 @@ impl OneFibreVentricle {
         self.trial.pending = false;
         self.now.time_ms = 0.0;
         self.now.volume_ml = state[0];
-        self.now.lambda = self.passive.active_stretch(Ml(state[0])).0;
+        self.now.lambda = self.cell_stretch(state[0]);
         self.now.cells.copy_from_slice(&state[1..]);
+    }
+
+    /// The cells' stretch at a cavity volume \[mL\].
+    fn cell_stretch(&self, volume_ml: f64) -> f64 {
+        self.passive.active_stretch(Ml(volume_ml)).0 * self.cell_stretch
     }
 
     /// Times since activation and calcium of all groups at the end of a step. In the first beat a group that is not yet
@@ -275,7 +293,7 @@ impl OneFibreVentricle {
         let step = UniformStep {
             dt_ms,
             lambda_prev: self.now.lambda,
-            lambda,
+            lambda: lambda * self.cell_stretch,
             since_activation_ms: &self.trial.since_activation_ms,
             ca_start_um: &self.now.ca_um,
             ca_end_um: &self.trial.ca_um,
@@ -286,7 +304,7 @@ impl OneFibreVentricle {
         let (mut sa, mut dsa) = (0.0, 0.0);
         for (weight, stress) in self.weights.iter().zip(&self.trial.stress) {
             sa += weight * stress.sa_kpa;
-            dsa += weight * stress.dsa_dlambda_kpa;
+            dsa += weight * stress.dsa_dlambda_kpa * self.cell_stretch;
         }
         let (passive, dpassive) =
             self.passive.stress_at_stretch(lambda * self.stretch_ratio, dlambda * self.stretch_ratio);
@@ -378,12 +396,13 @@ impl Ventricle for OneFibreVentricle {
             return;
         }
         self.trial.pending = false;
+        let lambda = self.cell_stretch(self.trial.volume_ml);
         let (now, trial) = (&mut self.now, &mut self.trial);
         now.time_ms = trial.time_ms;
         now.volume_ml = trial.volume_ml;
         now.rate_ml_per_s = trial.rate_ml_per_s;
         now.pressure_mmhg = trial.pressure_mmhg;
-        now.lambda = self.passive.active_stretch(Ml(now.volume_ml)).0;
+        now.lambda = lambda;
         std::mem::swap(&mut now.cells, &mut trial.cells);
         now.ca_um.copy_from_slice(&trial.ca_um);
         for (sa, stress) in now.sa_kpa.iter_mut().zip(&trial.stress) {
@@ -429,7 +448,7 @@ impl Ventricle for OneFibreVentricle {
     }
 
     fn restore(&mut self, snapshot: &VentricleSnapshot) -> Result<(), VentricleError> {
-        let now = &mut self.now;
+        let now = &self.now;
         let lengths = [now.cells.len(), now.sa_kpa.len(), now.ca_um.len()];
         let expected_values = 4 + lengths.iter().sum::<usize>();
         if snapshot.kind != KIND || snapshot.values.len() != expected_values {
@@ -441,11 +460,13 @@ impl Ventricle for OneFibreVentricle {
             });
         }
         let (scalars, rest) = snapshot.values.split_at(4);
+        let lambda = self.cell_stretch(scalars[1]);
+        let now = &mut self.now;
         now.time_ms = scalars[0];
         now.volume_ml = scalars[1];
         now.rate_ml_per_s = scalars[2];
         now.pressure_mmhg = scalars[3];
-        now.lambda = self.passive.active_stretch(Ml(now.volume_ml)).0;
+        now.lambda = lambda;
         let (cells, rest) = rest.split_at(lengths[0]);
         let (sa, ca) = rest.split_at(lengths[1]);
         now.cells.copy_from_slice(cells);

@@ -90,7 +90,8 @@ impl<'a> Batches<'a> {
                 }
                 None => engine.evaluate(inputs, &mut self.workspace, outputs)?,
             }
-            costs.extend(self.outputs.iter().map(|output| self.objective.cost(output)));
+            let cells = self.inputs.iter().zip(&self.outputs);
+            costs.extend(cells.map(|(input, output)| self.objective.cost(input, output)));
         }
         Ok(costs)
     }

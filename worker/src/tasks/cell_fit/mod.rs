@@ -63,6 +63,7 @@ pub fn run(spec: &CellFitSpec, context: &mut Context) -> Result<TaskResult, Task
     context.artefacts.write("cell", "cell.csv", &cell_csv(&evaluation.trace))?;
     context.artefacts.write("convergence", "convergence.csv", &convergence_csv(&convergence))?;
     Ok(TaskResult::CellFit(CellFitResult {
+        lambda_0: spec.lambda_0,
         unreachable_targets: unreachable_targets(&objective, &parameters, &evaluation)?,
         parameters,
         reached: evaluation.biomarkers,

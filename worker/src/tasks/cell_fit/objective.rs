@@ -18,6 +18,11 @@ use crate::error::TaskError;
 /// Cost of a cell that cannot be computed: finite, and worse than any that can.
 pub const WORST: f64 = 1e9;
 
+/// Weight of the squared relative shortage of Ca50.
+const SHORTAGE_WEIGHT: f64 = 100.0;
+/// Land's Ca50 and overlap change no more beyond (Land 2017, eqs. 9 and 15).
+const LARGEST_STRETCH: f64 = 1.2;
+
 /// A cell to be fitted: what is fixed, what is free, what is aimed at.
 #[derive(Debug, Clone)]
 pub struct Objective {
@@ -28,6 +33,9 @@ pub struct Objective {
     targets: CellBiomarkers,
     objective: engine::Objective,
     engine: CellEngine,
+    /// Positions of Ca50_ref, beta_1 and Ca_res.
+    sensitivity: [usize; 3],
+    lambda_max: f64,
 }
 
 /// One computed cell.
@@ -67,7 +75,9 @@ impl Objective {
         }
         let targets = checked(&spec.targets)?;
         let objective = engine::Objective { targets, weights: weights(&settings.weights)? };
-        Ok(Self { base, names, positions, bounds, targets: spec.targets, objective, engine })
+        let sensitivity = [position("Ca50_ref_uM")?, position("beta_1_uM")?, position("Ca_res_uM")?];
+        let lambda_max = spec.lambda_max.min(LARGEST_STRETCH);
+        Ok(Self { base, names, positions, bounds, targets: spec.targets, objective, engine, sensitivity, lambda_max })
     }
 
     /// The box of the free parameters, in the order of the settings.
@@ -122,13 +132,23 @@ impl Objective {
         input
     }
 
-    /// The cost of a computed cell; [`WORST`] where it has no periodic beat.
+    /// Ca50 less the resting calcium, over that, at the largest stretch of the organ's beat; 0 where Ca50 is above.
+    ///
+    /// A cell whose Ca50 sinks to the resting calcium contracts at rest where the wall is stretched most, and one whose
+    /// Ca50 sinks to zero has no stress at all.
+    fn sensitivity_shortage(&self, input: &CellInput) -> f64 {
+        let [ca50_ref, beta_1, ca_res] = self.sensitivity.map(|position| input.parameters[position]);
+        ((ca_res - ca50_ref - beta_1 * (self.lambda_max - 1.0)) / ca_res).max(0.0)
+    }
+
+    /// The cost of a computed cell; [`WORST`] where it has no periodic beat, or no Ca50 at a stretch that the organ reaches.
     #[must_use]
-    pub fn cost(&self, output: &CellOutput) -> f64 {
-        if output.status != CellStatus::Periodic {
+    pub fn cost(&self, input: &CellInput, output: &CellOutput) -> f64 {
+        let shortage = self.sensitivity_shortage(input);
+        if output.status != CellStatus::Periodic || shortage >= 1.0 {
             return WORST;
         }
-        let cost = self.objective.cost(&output.biomarkers, &output.penalty);
+        let cost = self.objective.cost(&output.biomarkers, &output.penalty) + SHORTAGE_WEIGHT * shortage.powi(2);
         if cost.is_finite() { cost.min(WORST) } else { WORST }
     }
 
@@ -139,14 +159,25 @@ impl Objective {
     pub fn evaluate(&self, values: &[f64]) -> Result<Evaluation, TaskError> {
         let mut outputs = [CellOutput::default()];
         let mut traces = [CellTrace::default()];
-        self.engine.evaluate_with_traces(&[self.input(values)], &mut Workspace::new(), &mut outputs, &mut traces)?;
+        let input = self.input(values);
+        self.engine.evaluate_with_traces(
+            std::slice::from_ref(&input),
+            &mut Workspace::new(),
+            &mut outputs,
+            &mut traces,
+        )?;
         let [output] = outputs;
         let [trace] = traces;
         if output.status != CellStatus::Periodic {
             return Err(TaskError::NoBeat { status: format!("{:?}", output.status) });
         }
         let biomarkers = to_schema(&output.biomarkers);
-        Ok(Evaluation { biomarkers, cost: self.cost(&output), terms: self.terms(&biomarkers, &output.penalty), trace })
+        let mut terms = self.terms(&biomarkers, &output.penalty);
+        let shortage = SHORTAGE_WEIGHT * self.sensitivity_shortage(&input).powi(2);
+        if shortage > 0.0 {
+            terms.insert("penalty_Ca50".to_owned(), shortage);
+        }
+        Ok(Evaluation { biomarkers, cost: self.cost(&input, &output), terms, trace })
     }
 
     fn terms(&self, biomarkers: &CellBiomarkers, penalty: &Penalty) -> BTreeMap<String, f64> {

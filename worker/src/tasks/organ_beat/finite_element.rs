@@ -332,7 +332,7 @@ fn effected(
     )
     .map_err(TaskError::PassiveState)?;
     let surroundings = Surroundings { heart: left_heart(spec), onset: Ms(figures.onset_ms) };
-    let contraction = contraction(&spec.contraction, spec.cycle_length_ms)?;
+    let contraction = contraction(spec)?;
     let effects = effects(&spec.circulation.effects)?;
     let parts = in_three_dimensions(&surroundings, reference, contraction, &effects)?;
     let (found, expected) = (about.effects_exponent_factor, parts.exponent_factor);

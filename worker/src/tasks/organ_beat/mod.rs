@@ -15,10 +15,12 @@ use cardiotwin_models::beat::{BeatCheck, BeatOutcome, BeatResult, BeatSettings, 
 use cardiotwin_models::calcium::SampledCalcium;
 use cardiotwin_models::cell0d::{CalciumInput, CellError, CellParameters, CellSolverSettings};
 use cardiotwin_models::circulation::{LeftHeart, StartPressure};
-use cardiotwin_models::contraction::{Tanh, TanhParameters};
+use cardiotwin_models::contraction::{StretchReference, Tanh, TanhParameters};
 use cardiotwin_models::effects::{Assembled, BaseModel, EffectSetting, assemble};
 use cardiotwin_models::ventricle::{ActivationSpread, GroupContraction, OneFibrePassive};
-use cardiotwin_schemas::organ::{self, ActivationSpec, BeatCount, ContractionSpec, EffectSpec, OrganSpec};
+use cardiotwin_schemas::organ::{
+    self, ActivationSpec, BeatCount, CellStretch, ContractionSpec, EffectSpec, OrganSpec, StretchOrigin,
+};
 use cardiotwin_schemas::outcome::{Check, Ending, OrganBeatResult, TaskResult};
 use cardiotwin_schemas::task::OrganBeatSpec;
 use cardiotwin_signals::{BiomarkerSet, Continuation, Quantity, Trace};
@@ -157,7 +159,7 @@ pub fn reduced(
             spread: Ms(activation.spread_ms),
             n_groups: activation.groups as usize,
         },
-        contraction: contraction(&spec.contraction, spec.cycle_length_ms)?,
+        contraction: contraction(spec)?,
     };
     let mut organ = assemble(base, &effects)?;
     organ.ventricle.limit_iterations(spec.newton_iterations as usize);
@@ -174,24 +176,33 @@ fn effects(specs: &[EffectSpec]) -> Result<Vec<EffectSetting>, TaskError> {
     specs.iter().map(setting).collect()
 }
 
-fn contraction(spec: &ContractionSpec, cycle_length_ms: f64) -> Result<GroupContraction, TaskError> {
-    match spec {
+fn contraction(spec: &OrganBeatSpec) -> Result<GroupContraction, TaskError> {
+    let cycle_length_ms = spec.cycle_length_ms;
+    let contraction = match &spec.contraction {
         ContractionSpec::Tanh { parameters } => {
-            Tanh::new(tanh(parameters)).map(GroupContraction::tanh).map_err(TaskError::Contraction)
+            Tanh::new(tanh(parameters)).map(GroupContraction::tanh).map_err(TaskError::Contraction)?
         }
-        ContractionSpec::Land2017Rice { parameters } => {
-            land(NamedCell::new(cycle_length_ms, 1.0).with(parameters)?.parameters())
+        ContractionSpec::Land2017Rice { parameters, lambda_0 } => {
+            land(NamedCell::new(cycle_length_ms, *lambda_0).with(parameters)?.parameters())?
         }
-        ContractionSpec::Land2017Trace { parameters, calcium } => {
-            let cell = NamedCell::new(cycle_length_ms, 1.0).with(parameters)?.parameters();
+        ContractionSpec::Land2017Trace { parameters, lambda_0, calcium } => {
+            let cell = NamedCell::new(cycle_length_ms, *lambda_0).with(parameters)?.parameters();
             let samples = calcium::samples(calcium, cycle_length_ms)?;
             let sampled = SampledCalcium::new(Ms(calcium::INTERVAL_MS), samples).map_err(CellError::from)?;
-            land(CellParameters { calcium: CalciumInput::Sampled(Arc::new(sampled)), ..cell })
+            land(CellParameters { calcium: CalciumInput::Sampled(Arc::new(sampled)), ..cell })?
         }
+    };
+    Ok(contraction.with_stretch(stretch_reference(spec.cell_stretch)))
+}
+
+fn stretch_reference(stretch: CellStretch) -> StretchReference {
+    match stretch.origin {
+        StretchOrigin::EndDiastole => StretchReference::EndDiastole,
+        StretchOrigin::Unloaded => StretchReference::Unloaded { slack: stretch.slack_stretch },
     }
 }
 
-/// Stretch counts from end-diastole: the cell's periodic state belongs to a beat that starts at one.
+/// Land's model, started from the cell's periodic state.
 fn land(cell: CellParameters) -> Result<GroupContraction, TaskError> {
     let cell = cell.build()?;
     let beat = cell.solve_periodic(&CellSolverSettings::default())?;

@@ -38,7 +38,7 @@ fn contraction(spec: &ContractionSpec) -> ExternalContraction {
             let parameters = named.filter_map(|(name, value)| Some((name.clone(), value.as_f64()?))).collect();
             ExternalContraction { model: "tanh".into(), parameters, calcium_file: None }
         }
-        ContractionSpec::Land2017Rice { parameters } => ExternalContraction {
+        ContractionSpec::Land2017Rice { parameters, .. } => ExternalContraction {
             model: "land2017-rice".into(),
             parameters: cell(parameters, true),
             calcium_file: None,
