@@ -35,6 +35,7 @@ pub mod status;
 pub mod sweep;
 pub mod task;
 pub mod time;
+pub mod verdict;
 
 pub mod json_schemas;
 

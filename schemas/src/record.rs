@@ -15,6 +15,7 @@ use crate::outcome::{
 use crate::plan::ResolvedPatient;
 use crate::provenance::Provenance;
 use crate::status::PatientStatus;
+use crate::verdict::Verdict;
 
 /// A run of a cohort.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -56,6 +57,9 @@ pub struct PatientRecord {
     pub verification: Option<TaskRecord<OrganBeatResult>>,
     /// Cost of the verification beat by step 1's formula.
     pub verification_cost: Option<f64>,
+    /// What the verification beat says of the twin; absent without one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub verdict: Option<Verdict>,
     /// The failure that holds the patient, if one does.
     pub failure: Option<Failure>,
     /// The same ventricle before effects were accepted, where this run simulated it.

@@ -11,6 +11,7 @@ use crate::external::ExternalSettings;
 use crate::finite_element::FiniteElementSettings;
 use crate::notices::NoticeSettings;
 use crate::organ::{RICE_PARAMETERS, StretchOrigin, TanhParameters, ValveParameters};
+use crate::verdict::TwinTolerances;
 
 /// All settings.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -371,11 +372,13 @@ impl CellFitSettings {
 pub struct VerificationSettings {
     /// Whether it is run.
     pub enabled: bool,
+    /// Up to which differences of its biomarkers a patient counts as personalised.
+    pub tolerance_percent: TwinTolerances,
 }
 
 impl Default for VerificationSettings {
     fn default() -> Self {
-        Self { enabled: true }
+        Self { enabled: true, tolerance_percent: TwinTolerances::default() }
     }
 }
 

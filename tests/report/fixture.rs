@@ -25,6 +25,7 @@ use cardiotwin_schemas::record::{
 use cardiotwin_schemas::settings::{ActivationSettings, Settings, StartMode};
 use cardiotwin_schemas::status::PatientStatus;
 use cardiotwin_schemas::task::{InputFile, PassiveStateSpec};
+use cardiotwin_schemas::verdict::{TwinTolerances, Verdict};
 
 use crate::traces::{at, extreme, measured, time_points};
 
@@ -453,6 +454,8 @@ fn finished(folder: &Folder, printed: &Printed, id: &str) -> PatientRecord {
     };
     let (traces, gap, times) = simulated(&p, &v, cycle, &printed.step2, 11.0);
     let verification = beat(biomarkers(printed.step2, edv, Some(gap)), times);
+    let clinical = biomarkers(printed.clinical, edv, None);
+    let verdict = Verdict::of(&clinical, &verification.biomarkers, &TwinTolerances::default());
     let seed = plan.settings.step2.seed;
     PatientRecord {
         status: status(id, "done", "done"),
@@ -477,6 +480,7 @@ fn finished(folder: &Folder, printed: &Printed, id: &str) -> PatientRecord {
         )),
         verification: Some(folder.record("verification", id, &[("traces", traces)], 0.021, None, verification)),
         verification_cost: Some(cost(&printed.step2, &printed.clinical)),
+        verdict: Some(verdict),
         failure: None,
         before: None,
         plan,
@@ -574,4 +578,5 @@ fn clear_after(patient: &mut PatientRecord, iterations: usize) {
     patient.cell_fit = None;
     patient.verification = None;
     patient.verification_cost = None;
+    patient.verdict = None;
 }

@@ -37,10 +37,30 @@ pub fn table(run: &RunRecord, talk: &Talk) -> String {
         table.row(row);
     }
     let mut text = table.text();
+    text.push_str(&verdicts(run));
     text.push_str(
         "differences (simulated - measured) / measured; OPEN: volume that the beat's end leaves open;\n\
          COST: step 1's sum of squares at the organ, step 2's weighted misfit at the cell\n",
     );
+    text
+}
+
+/// Whose twin holds, and by what the others are off.
+fn verdicts(run: &RunRecord) -> String {
+    let verified: Vec<_> = run.patients.iter().filter_map(|p| Some((p, p.verdict.as_ref()?))).collect();
+    if verified.is_empty() {
+        return String::new();
+    }
+    let (hold, off): (Vec<_>, Vec<_>) = verified.iter().partition(|(_, verdict)| verdict.personalised);
+    let mut text = format!("personalised: {} of {} verified", hold.len(), verified.len());
+    if !hold.is_empty() {
+        let names: Vec<String> = hold.iter().map(|(patient, _)| patient.plan.id.to_string()).collect();
+        text.push_str(&format!(": {}", names.join(", ")));
+    }
+    text.push('\n');
+    for (patient, verdict) in off {
+        text.push_str(&format!("{}: {verdict}\n", patient.plan.id));
+    }
     text
 }
 
@@ -49,6 +69,7 @@ pub fn table(run: &RunRecord, talk: &Talk) -> String {
 pub fn line(patient: &PatientRecord) -> String {
     let view = PatientView(patient);
     let mut parts = vec![patient.status.state.clone()];
+    parts.extend(patient.verdict.as_ref().map(ToString::to_string));
     if let Some(step1) = &patient.step1 {
         parts.push(format!("step 1 {step1}, cost {}", number(step1.cost)));
     }

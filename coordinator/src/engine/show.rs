@@ -7,6 +7,7 @@ use crate::machine::task::Task;
 use crate::store::patients::Shown;
 use cardiotwin_schemas::ids::{AttemptId, TaskKey};
 use cardiotwin_schemas::plan::Workflow;
+use cardiotwin_schemas::record::Step1Quality;
 
 impl World {
     /// Brings the shown columns of a patient's row up to date with its state.
@@ -50,9 +51,12 @@ impl World {
             }
             Patient::Done => {
                 shown.step = "done".to_owned();
-                shown.note = match &chain.step1 {
-                    Some(summary) => format!("step 1 {summary}"),
-                    None => String::new(),
+                shown.note = match (&chain.verdict, &chain.step1) {
+                    (Some(verdict), Some(summary)) if summary.quality == Step1Quality::Converged => verdict.to_string(),
+                    (Some(verdict), Some(summary)) => format!("step 1 {summary}; {verdict}"),
+                    (Some(verdict), None) => verdict.to_string(),
+                    (None, Some(summary)) => format!("not verified; step 1 {summary}"),
+                    (None, None) => String::new(),
                 };
             }
             Patient::Failed { step, failure } => {

@@ -22,6 +22,7 @@ use cardiotwin_schemas::plan::{ResolvedPatient, Workflow};
 use cardiotwin_schemas::record::{StallReason, Step1Quality, Step1Summary};
 use cardiotwin_schemas::settings::Update;
 use cardiotwin_schemas::task::{InputFile, NoopSpec, Step1Run, TargetsSpec, TaskSpec};
+use cardiotwin_schemas::verdict::Verdict;
 
 use super::{step1, step2};
 use crate::machine::chain::{Chain, ChainIteration, ChainProposal};
@@ -408,6 +409,8 @@ impl<'a> Derivation<'a, '_> {
             return Err(broken(step, FailureClass::Numerics, format!("the fitted cell makes no whole beat: {valve}")));
         }
         self.chain.verification_cost = Some(step1_cost(&step0.measured, &beat.biomarkers));
+        let tolerances = &self.plan.settings.verification.tolerance_percent;
+        self.chain.verdict = Some(Verdict::of(&step0.measured, &beat.biomarkers, tolerances));
         self.chain.verification = Some(done.key);
         Ok(())
     }

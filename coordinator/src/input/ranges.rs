@@ -8,6 +8,7 @@ use cardiotwin_schemas::organ::CELL_PARAMETERS;
 use cardiotwin_schemas::settings::{
     CellFitSettings, STEP1_BIOMARKERS, STEP1_PARAMETERS, Settings, SolverSettings, Step1Settings,
 };
+use cardiotwin_schemas::verdict::TwinTolerances;
 
 use super::external;
 use super::nearest::nearest;
@@ -38,6 +39,7 @@ pub fn complaints(settings: &Settings) -> Vec<Complaint> {
     list.solver(&settings.solver);
     list.step1(&settings.step1);
     list.step2(&settings.step2);
+    list.verification(&settings.verification.tolerance_percent);
     let executor = &settings.executor;
     list.count("executor.threads", executor.threads, 0, 1024);
     list.count("executor.workers", executor.workers, 0, 4096);
@@ -245,6 +247,12 @@ impl List {
         for (tag, tissue) in &wall.passive {
             self.positive(&key(&format!("passive.{tag}.mu_kPa")), tissue.mu_kpa, 1e5);
             self.positive(&key(&format!("passive.{tag}.kappa_kPa")), tissue.kappa_kpa, 1e8);
+        }
+    }
+
+    fn verification(&mut self, tolerances: &TwinTolerances) {
+        for (name, percent) in tolerances.named() {
+            self.positive(&format!("verification.tolerance_percent.{name}"), percent, 1e3);
         }
     }
 

@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use cardiotwin_schemas::ids::TaskKey;
 use cardiotwin_schemas::organ::Step1Parameters;
 use cardiotwin_schemas::record::Step1Summary;
+use cardiotwin_schemas::verdict::Verdict;
 use serde::{Deserialize, Serialize};
 
 use super::patient::{Stage, Step};
@@ -32,6 +33,9 @@ pub struct Chain {
     pub verification: Option<TaskKey>,
     /// Its cost by step 1's formula.
     pub verification_cost: Option<f64>,
+    /// What it says of the twin.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub verdict: Option<Verdict>,
     /// No-op tasks.
     pub noops: Vec<TaskKey>,
     /// The one task of a sweep's element.

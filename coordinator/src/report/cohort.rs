@@ -45,7 +45,8 @@ fn sentence(run: &RunRecord) -> String {
         let names = if stalled.len() <= 5 { format!(": {}", stalled.join(", ")) } else { String::new() };
         text += &format!(", stalled for {}{names}", stalled.len());
     }
-    text += &format!("; step 2 is verified in the organ for {verified}");
+    let personalised = of(&|p| p.verdict.as_ref().is_some_and(|verdict| verdict.personalised));
+    text += &format!("; step 2 is verified in the organ for {verified}, of whom {personalised} are personalised");
     let short_of = of(&|p| p.cell_fit.as_ref().is_some_and(|f| !f.result.unreachable_targets.is_empty()));
     if short_of > 0 {
         text += &format!(", with targets out of the cell's reach for {short_of}");
@@ -386,9 +387,11 @@ pub fn table(run: &RunRecord, link: Link) -> Markup {
             tbody {
                 @for p in &run.patients {
                     @let (class, sign, words) = standing(p);
+                    // What the twin is off by stands in the columns.
+                    @let words = if words.starts_with("verified, off") { "verified, off" } else { &*words };
                     tr {
                         th scope="row" { a href=(link(p)) { (p.plan.id) } }
-                        td.state { span class=(class) { (sign) } " " (if p.status.state == "done" && p.step1.is_some() { step1_words(p) } else { words }) }
+                        td.state { span class=(class) { (sign) } " " (words) @if p.status.state == "done" && p.step1.is_some() { br; span.quiet { "step 1 " (step1_words(p)) } } }
                         @for (c, open) in std::iter::zip(&columns, &opens) { (cell(c, *open, p)) }
                     }
                 }

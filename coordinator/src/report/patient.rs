@@ -19,10 +19,14 @@ pub fn standing(patient: &PatientRecord) -> (&'static str, &'static str, String)
         return ("bad", "✕", format!("failed in {} ({})", step_name(&patient.status.step), failure.class.as_str()));
     }
     match (patient.status.state.as_str(), &patient.step1) {
-        ("done", Some(summary)) if summary.quality == Step1Quality::Converged => {
-            ("good", "●", "personalised".to_owned())
+        ("done", Some(summary)) => {
+            let stalled = if summary.quality == Step1Quality::Converged { "" } else { "; step 1 stalled" };
+            match &patient.verdict {
+                Some(verdict) if verdict.personalised && stalled.is_empty() => ("good", "●", verdict.to_string()),
+                Some(verdict) => ("warn", "▲", format!("{verdict}{stalled}")),
+                None => ("quiet", "○", format!("not verified{stalled}")),
+            }
         }
-        ("done", Some(_)) => ("warn", "▲", "personalised, step 1 stalled".to_owned()),
         ("done", None) => ("good", "●", "done".to_owned()),
         (state @ ("failed" | "cancelled"), _) => {
             ("bad", "✕", format!("{state} in {}", step_name(&patient.status.step)))

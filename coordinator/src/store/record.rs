@@ -127,6 +127,7 @@ pub(super) fn patient(
         }),
         verification: find(settled, chain.verification.as_ref(), organ_beat),
         verification_cost: chain.verification_cost,
+        verdict: chain.verdict.clone(),
         step1: chain.step1,
         plan,
         status,

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use cardiotwin_units::Ml;
 
-use crate::checks::{self, Defect, Expected, Severity};
+use crate::checks::{self, Defect, Expected, Item, Place, Severity};
 use crate::files::{self, LengthUnit, MeshFileError, node_values};
 use crate::find_surfaces::find_surfaces;
 use crate::node_fibres::NodeFibres;
@@ -97,6 +97,32 @@ pub fn read(file: &Path, asked: &Asked) -> Result<Intake, MeshFileError> {
     Ok(look(files::read(&readable_path(file), asked.unit)?, asked))
 }
 
+/// What openCARP has for nodes that are never activated.
+const NEVER_MS: f64 = -1.0;
+
+/// Times of the contracting tissue's nodes; infinite for all others, whatever their file says.
+fn of_muscle(mesh: &TetMesh, muscle: &[i32], mut times: Vec<f64>) -> Result<Vec<f64>, Defect> {
+    let mut contracts = vec![muscle.is_empty(); times.len()];
+    for (tet, _) in mesh.tets.iter().zip(&mesh.tags).filter(|(_, tag)| muscle.contains(tag)) {
+        tet.iter().filter_map(|node| contracts.get_mut(*node as usize).map(|own| *own = true)).for_each(drop);
+    }
+    // Elsewhere a file may count its times from any moment; −1 among them is a time like another.
+    let counts_from_zero = times.iter().zip(&contracts).all(|(t, own)| !own || *t == NEVER_MS || *t >= 0.0);
+    let never = |node: &usize| counts_from_zero && contracts[*node] && times[*node] == NEVER_MS;
+    let at_mm = |node: usize| mesh.nodes_mm.get(node).copied().unwrap_or_default();
+    let places: Vec<Place> = (0..times.len())
+        .filter(never)
+        .map(|node| Place { item: Item::Node(node as u32), at_mm: at_mm(node) })
+        .collect();
+    if !places.is_empty() {
+        let nodes = if places.len() == 1 { "node" } else { "nodes" };
+        let found = format!("{} {nodes} of contracting tissue with the time {NEVER_MS}", places.len());
+        return Err(Defect::Times { found, expected: "a time of activation for each".to_owned(), places });
+    }
+    times.iter_mut().zip(&contracts).filter(|(_, own)| !**own).for_each(|(t, _)| *t = f64::INFINITY);
+    Ok(times)
+}
+
 /// Looks for everything that is wrong with a mesh, whose missing surfaces are found first.
 #[must_use]
 pub fn look(mut mesh: TetMesh, asked: &Asked) -> Intake {
@@ -137,7 +163,10 @@ pub fn look(mut mesh: TetMesh, asked: &Asked) -> Intake {
     });
     match asked.activation {
         Activation::Times(file) => match node_values::read(file, mesh.n_nodes()) {
-            Ok(times) => times_ms = Some(times),
+            Ok(times) => match of_muscle(&mesh, asked.left_ventricle, times) {
+                Ok(times) => times_ms = Some(times),
+                Err(defect) => defects.push(defect),
+            },
             Err(error) => defects.push(Defect::Times {
                 found: error.to_string(),
                 expected: "a file of activation times".to_owned(),
@@ -152,4 +181,28 @@ pub fn look(mut mesh: TetMesh, asked: &Asked) -> Intake {
     }
     defects.sort_by_key(Defect::severity);
     Intake { mesh, times_ms, surfaces_found, defects }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn times_of_passive_tissue_do_not_count_and_muscle_without_one_is_a_defect() {
+        let mesh = TetMesh {
+            nodes_mm: vec![[0.0; 3]; 5],
+            tets: vec![[0, 1, 2, 3], [1, 2, 3, 4]],
+            tags: vec![1, 2],
+            frames: vec![],
+            fibres: NodeFibres::PerElement,
+            surfaces: vec![],
+        };
+        // As `export --opencarp` writes them.
+        let times = of_muscle(&mesh, &[1], vec![5.0, 6.0, 7.0, 8.0, -1.0]).unwrap();
+        assert_eq!(times, [5.0, 6.0, 7.0, 8.0, f64::INFINITY]);
+        let never = of_muscle(&mesh, &[1], vec![-1.0, 6.0, 7.0, 8.0, -1.0]).unwrap_err();
+        assert!(never.to_string().contains("1 node of contracting tissue with the time -1"), "{never}");
+        // Times from another moment than zero: −1 is one of them.
+        assert_eq!(of_muscle(&mesh, &[1], vec![-1.0, -3.0, 7.0, 8.0, 0.0]).unwrap()[..2], [-1.0, -3.0]);
+    }
 }
