@@ -82,7 +82,7 @@ fn the_report_says_what_happened() {
     let (_folder, out) = seven();
     let text = words(&html(&out));
     for expected in [
-        "7 patients: step 1 converged for 6, stalled for 1: 04-CoA (iteration 9 taken); step 2 is verified in the organ for 7, with targets out of the cell's reach for 1.",
+        "7 patients: step 1 converged for 6, stalled for 1: 04-CoA (iteration 9 taken); step 2 is verified in the organ for 7, of whom 0 are personalised, with targets out of the cell's reach for 1.",
         "stalled: best iteration 9",
         "Step 1 stalled, since a simulation failed; iteration 9 of 10 was taken",
         "step 1, iteration 10 failed: the beat diverged at t = 43 ms: volume below zero",
