@@ -70,7 +70,7 @@ impl Verdict {
             .filter_map(|(((name, tolerance), measured), simulated)| {
                 let measured = measured?;
                 let off = simulated.map_or(-100.0, |simulated| 100.0 * (simulated - measured) / measured);
-                (!(off.abs() <= tolerance)).then(|| (name.to_owned(), off))
+                (off.is_nan() || off.abs() > tolerance).then(|| (name.to_owned(), off))
             })
             .collect();
         Self { personalised: off_percent.is_empty(), off_percent }
