@@ -20,7 +20,7 @@ const NEAR: f64 = 0.1;
 /// Mesh the same body anew, to an edge length or a number of nodes, with the program mmg3d
 ///
 /// Tags and surfaces are kept, fibres are taken from the nearest old element. mmg3d is free software: `pip install mmgpy`, or
-/// https://www.mmgtools.org.
+/// www.mmgtools.org.
 #[derive(Debug, Args)]
 #[command(group(clap::ArgGroup::new("size").required(true).args(["edge_mm", "nodes"])))]
 pub struct RemeshArgs {
