@@ -48,6 +48,20 @@ pub const STEP1_BIOMARKERS: [&str; 6] =
     ["P_max_mmHg", "dPdt_max_mmHg_per_ms", "dPdt_min_mmHg_per_ms", "PTD90_ms", "tau_VD_ms", "tau_VR_ms"];
 
 impl Biomarkers {
+    /// Keys and values of the biomarkers that steps 1 and 3 look at.
+    #[must_use]
+    pub fn of_organ(&self) -> [(&'static str, Option<f64>); 7] {
+        [
+            ("P_max_mmHg", self.p_max_mmhg),
+            ("dPdt_max_mmHg_per_ms", self.dpdt_max_mmhg_per_ms),
+            ("dPdt_min_mmHg_per_ms", self.dpdt_min_mmhg_per_ms),
+            ("PTD90_ms", self.ptd90_ms),
+            ("tau_VD_ms", self.tau_vd_ms),
+            ("tau_VR_ms", self.tau_vr_ms),
+            ("SV_mL", self.sv_ml),
+        ]
+    }
+
     /// The place of a biomarker that step 1 fits, by its key in [`STEP1_BIOMARKERS`].
     pub fn step1_target_mut(&mut self, key: &str) -> Option<&mut Option<f64>> {
         Some(match key {

@@ -36,6 +36,14 @@ pub struct CohortFile {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(with = "Option<crate::settings::VerificationSettings>")]
     pub verification: Option<serde_json::Value>,
+    /// See [`Settings::step3`].
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schemars(with = "Option<crate::step3::Step3Settings>")]
+    pub step3: Option<serde_json::Value>,
+    /// See [`Settings::workflow`].
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schemars(with = "Option<crate::settings::WorkflowSettings>")]
+    pub workflow: Option<serde_json::Value>,
     /// See [`Settings::executor`].
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(with = "Option<crate::settings::ExecutorSettings>")]
@@ -51,6 +59,8 @@ impl CohortFile {
             step1: self.step1.clone(),
             step2: self.step2.clone(),
             verification: self.verification.clone(),
+            step3: self.step3.clone(),
+            workflow: self.workflow.clone(),
             executor: self.executor.clone(),
         }
     }
@@ -78,6 +88,12 @@ pub struct SettingsLayer {
     /// See [`Settings::verification`].
     #[serde(skip_serializing_if = "Option::is_none")]
     pub verification: Option<serde_json::Value>,
+    /// See [`Settings::step3`].
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub step3: Option<serde_json::Value>,
+    /// See [`Settings::workflow`].
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub workflow: Option<serde_json::Value>,
     /// See [`Settings::executor`].
     #[serde(skip_serializing_if = "Option::is_none")]
     pub executor: Option<serde_json::Value>,

@@ -32,6 +32,7 @@ pub mod robustness;
 pub mod sensitivity;
 pub mod settings;
 pub mod status;
+pub mod step3;
 pub mod sweep;
 pub mod task;
 pub mod time;

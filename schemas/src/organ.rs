@@ -123,6 +123,17 @@ pub enum ContractionSpec {
     },
 }
 
+impl ContractionSpec {
+    /// The cell's parameters that differ from their defaults; none for the Tanh model, which has no cell.
+    #[must_use]
+    pub fn cell_parameters(&self) -> Option<&BTreeMap<String, f64>> {
+        match self {
+            Self::Tanh { .. } => None,
+            Self::Land2017Rice { parameters, .. } | Self::Land2017Trace { parameters, .. } => Some(parameters),
+        }
+    }
+}
+
 const fn one() -> f64 {
     1.0
 }
@@ -166,6 +177,31 @@ pub struct ValveParameters {
     /// Both valves, backward.
     #[serde(rename = "R_b_mmHg_s_per_mL")]
     pub r_b_mmhg_s_per_ml: f64,
+}
+
+/// Names of the valves' forward resistances.
+pub const VALVE_PARAMETERS: [&str; 2] = ["R_AV_f_mmHg_s_per_mL", "R_MV_f_mmHg_s_per_mL"];
+
+impl ValveParameters {
+    /// The place of one of [`VALVE_PARAMETERS`]; none for another name.
+    pub fn named_mut(&mut self, name: &str) -> Option<&mut f64> {
+        match name {
+            "R_AV_f_mmHg_s_per_mL" => Some(&mut self.r_av_f_mmhg_s_per_ml),
+            "R_MV_f_mmHg_s_per_mL" => Some(&mut self.r_mv_f_mmhg_s_per_ml),
+            _ => None,
+        }
+    }
+
+    /// The same with other values of those that `parameters` names.
+    #[must_use]
+    pub fn with(mut self, parameters: &BTreeMap<String, f64>) -> Self {
+        for (name, value) in parameters {
+            if let Some(place) = self.named_mut(name) {
+                *place = *value;
+            }
+        }
+        self
+    }
 }
 
 impl Default for ValveParameters {

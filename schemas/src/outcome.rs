@@ -78,6 +78,8 @@ pub enum TaskResult {
     OrganBeat(OrganBeatResult),
     /// What to simulate next in step 1.
     Step1Proposal(Step1ProposalResult),
+    /// What to simulate next in step 3.
+    Step3Proposal(Step3ProposalResult),
     /// Step 2's targets.
     Targets(TargetsResult),
     /// Step 2.
@@ -205,20 +207,20 @@ impl OrganBeatResult {
     }
 }
 
-/// What to simulate next in step 1, and what the corrected one-fibre ventricle promises of it.
+/// What to simulate next, and what the corrected one-fibre ventricle promises of it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-pub struct Step1ProposalResult {
+pub struct ProposalResult<P> {
     /// What to simulate.
-    pub parameters: Step1Parameters,
+    pub parameters: P,
     /// Biomarkers of the corrected one-fibre ventricle there: those of step 1.
     pub predicted: Biomarkers,
     /// Their cost.
     pub predicted_cost: f64,
-    /// Their misfit, by the weights of step 1.
+    /// Their misfit, by the weights of the step.
     #[serde(default)]
     pub predicted_misfit: f64,
-    /// The iteration, from 1, at which the correction is exact; absent where there was none of use.
+    /// The simulation, from 1, at which the correction is exact; absent where there was none of use.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub from_iteration: Option<u32>,
     /// Largest change of a parameter's logarithm from there that was allowed.
@@ -227,12 +229,18 @@ pub struct Step1ProposalResult {
     /// Largest change that was made.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub step: Option<f64>,
-    /// Factor of each biomarker of the one-fibre ventricle at that iteration.
+    /// Factor of each biomarker of the one-fibre ventricle at that simulation.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub correction: BTreeMap<String, f64>,
     /// Beats of the one-fibre ventricle that it took.
     pub reduced_beats: u64,
 }
+
+/// What to simulate next in step 1.
+pub type Step1ProposalResult = ProposalResult<Step1Parameters>;
+
+/// What to simulate next in step 3: parameters of the cell and of the valves, by name.
+pub type Step3ProposalResult = ProposalResult<BTreeMap<String, f64>>;
 
 /// Step 2's targets. Artefact: `median` (`median.csv`: time_ms, Sa_kPa, Ca_uM, lambda).
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]

@@ -13,7 +13,9 @@ use crate::organ::{
 };
 use crate::outcome::PassiveStateResult;
 use crate::settings::{ActivationSettings, Fidelity, Settings, StartMode};
-use crate::task::{InputFile, OrganBeatSpec, PassiveStateSpec, Step1ProposalSpec, Step1Run, TaskSpec};
+use crate::task::{
+    InputFile, OrganBeatSpec, PassiveStateSpec, Step1ProposalSpec, Step1Run, Step3ProposalSpec, Step3Run, TaskSpec,
+};
 
 /// Proposals of all patients draw the same: the data make the difference.
 const PROPOSAL_SEED: u64 = 1;
@@ -151,6 +153,29 @@ impl ResolvedPatient {
             bounds: step1.bounds.clone(),
             frozen: step1.frozen.clone(),
             weights: step1.weights.clone(),
+            seed: PROPOSAL_SEED,
+        }
+    }
+
+    /// What to simulate next in step 3, by space mapping.
+    ///
+    /// - `beat`: the verification beat
+    /// - `runs`: it and the beats of step 3 so far
+    #[must_use]
+    pub fn step3_proposal_spec(
+        &self,
+        step0: &PassiveStateResult,
+        beat: OrganBeatSpec,
+        runs: Vec<Step3Run>,
+    ) -> Step3ProposalSpec {
+        let Settings { solver, step3, .. } = &self.settings;
+        let newton_iterations = solver.newton_iterations;
+        Step3ProposalSpec {
+            parameters: step3.moved(beat.contraction.cell_parameters(), &beat.valves),
+            beat: OrganBeatSpec { organ: step0.organ.clone(), newton_iterations, finite_element: None, ..beat },
+            measured: step0.measured,
+            runs,
+            uncertainty_percent: step3.uncertainty_percent.clone(),
             seed: PROPOSAL_SEED,
         }
     }

@@ -10,7 +10,8 @@ use crate::failure::Failure;
 use crate::ids::TaskKey;
 use crate::organ::Step1Parameters;
 use crate::outcome::{
-    Artefact, CellFitResult, OrganBeatResult, PassiveStateResult, Step1ProposalResult, TargetsResult,
+    Artefact, CellFitResult, OrganBeatResult, PassiveStateResult, Step1ProposalResult, Step3ProposalResult,
+    TargetsResult,
 };
 use crate::plan::ResolvedPatient;
 use crate::provenance::Provenance;
@@ -57,7 +58,13 @@ pub struct PatientRecord {
     pub verification: Option<TaskRecord<OrganBeatResult>>,
     /// Cost of the verification beat by step 1's formula.
     pub verification_cost: Option<f64>,
-    /// What the verification beat says of the twin; absent without one.
+    /// Step 3's simulations, in order, failed ones included.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub step3_iterations: Vec<Step3IterationRecord>,
+    /// How step 3 ended.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub step3: Option<Step3Summary>,
+    /// What the twin's beat says of it: the verification beat, or the best one of step 3; absent without one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub verdict: Option<Verdict>,
     /// The failure that holds the patient, if one does.
@@ -121,6 +128,35 @@ pub struct IterationRecord {
     pub relative_differences: BTreeMap<String, f64>,
 }
 
+/// One simulation of step 3.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct Step3IterationRecord {
+    /// 1 for the first.
+    pub number: u32,
+    /// What was simulated: parameters of the cell and of the valves, by name.
+    pub parameters: BTreeMap<String, f64>,
+    /// What proposed it.
+    pub proposal: Option<TaskRecord<Step3ProposalResult>>,
+    /// What came out, where the simulation succeeded.
+    pub run: Option<TaskRecord<OrganBeatResult>>,
+    /// Why it failed, where it did.
+    pub failure: Option<Failure>,
+    /// Squared differences over the measurements' variances.
+    pub misfit: Option<f64>,
+    /// What it says of the twin.
+    pub verdict: Option<Verdict>,
+}
+
+impl PatientRecord {
+    /// The beat of the personalised twin: the best one of step 3, else the verification beat.
+    #[must_use]
+    pub fn twin(&self) -> Option<&TaskRecord<OrganBeatResult>> {
+        let number = self.step3.as_ref().map_or(0, |step3| step3.best_iteration);
+        let of_step3 = self.step3_iterations.iter().find(|iteration| iteration.number == number);
+        of_step3.and_then(|iteration| iteration.run.as_ref()).or(self.verification.as_ref())
+    }
+}
+
 /// Why step 1 ended without converging.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
@@ -159,6 +195,31 @@ pub struct Step1Summary {
     pub first_converged: Option<u32>,
     /// The personalised parameters.
     pub parameters: Step1Parameters,
+}
+
+/// Why step 3 ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum Step3Ending {
+    /// The best beat meets the measurements to within their uncertainty.
+    WithinUncertainty,
+    /// Another beat promised too little.
+    NoPromise,
+    /// The largest number of simulations was reached.
+    IterationLimit,
+}
+
+/// How step 3 ended.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct Step3Summary {
+    /// Why it ended.
+    pub ending: Step3Ending,
+    /// The simulation that was taken, from 1; 0 where the verification beat was the best.
+    pub best_iteration: u32,
+    /// Its squared differences over the measurements' variances.
+    pub misfit: f64,
+    /// The personalised parameters of the cell and the valves, by name.
+    pub parameters: BTreeMap<String, f64>,
 }
 
 impl std::fmt::Display for Step1Summary {

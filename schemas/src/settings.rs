@@ -11,6 +11,7 @@ use crate::external::ExternalSettings;
 use crate::finite_element::FiniteElementSettings;
 use crate::notices::NoticeSettings;
 use crate::organ::{RICE_PARAMETERS, StretchOrigin, TanhParameters, ValveParameters};
+use crate::step3::Step3Settings;
 use crate::verdict::TwinTolerances;
 
 /// All settings.
@@ -25,6 +26,10 @@ pub struct Settings {
     pub step2: CellFitSettings,
     /// The verification beat.
     pub verification: VerificationSettings,
+    /// Step 3.
+    pub step3: Step3Settings,
+    /// How far a patient goes.
+    pub workflow: WorkflowSettings,
     /// Where tasks run.
     pub executor: ExecutorSettings,
 }
@@ -366,11 +371,30 @@ impl CellFitSettings {
     }
 }
 
+/// The last step of a patient's way.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum LastStep {
+    /// The paper's workflow: step 2's cell in the organ, once.
+    Step2Verification,
+    /// Step 3 after it.
+    #[default]
+    Step3,
+}
+
+/// How far a patient goes.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct WorkflowSettings {
+    /// The last step.
+    pub until: LastStep,
+}
+
 /// The verification beat.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct VerificationSettings {
-    /// Whether it is run.
+    /// Whether it is run; without it there is no step 3.
     pub enabled: bool,
     /// Up to which differences of its biomarkers a patient counts as personalised.
     pub tolerance_percent: TwinTolerances,

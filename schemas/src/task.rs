@@ -13,7 +13,7 @@ use crate::hash::{canonical_json, sha256_hex};
 use crate::ids::{AttemptId, TaskKey};
 use crate::organ::{
     BeatCount, CellStretch, CirculationSpec, ContractionSpec, EffectSpec, OneFibrePassive, OrganSpec, Step1Parameters,
-    ValveParameters, WindkesselParameters,
+    VALVE_PARAMETERS, ValveParameters, WindkesselParameters,
 };
 use crate::settings::{ActivationSettings, CellFitSettings, InstructionSet, StartMode};
 use crate::sweep::CellDesign;
@@ -40,6 +40,8 @@ pub enum TaskSpec {
     OrganBeat(Box<OrganBeatSpec>),
     /// What to simulate next in step 1, by space mapping.
     Step1Proposal(Box<Step1ProposalSpec>),
+    /// What to simulate next in step 3, by space mapping.
+    Step3Proposal(Box<Step3ProposalSpec>),
     /// Median nodal traces and step 2's targets.
     Targets(TargetsSpec),
     /// Step 2: differential evolution at the cell.
@@ -60,6 +62,7 @@ impl TaskSpec {
             Self::PassiveState(_) => "passive-state",
             Self::OrganBeat(_) => "organ-beat",
             Self::Step1Proposal(_) => "step1-proposal",
+            Self::Step3Proposal(_) => "step3-proposal",
             Self::Targets(_) => "targets",
             Self::CellFit(_) => "cell-fit",
             Self::CellSweep(_) => "cell-sweep",
@@ -84,10 +87,11 @@ impl TaskSpec {
         match self {
             Self::PassiveState(_) => 5,
             Self::Discover(_) => 4,
-            Self::CellFit(_) | Self::OrganBeat(_) | Self::Step1Proposal(_) => 5,
+            Self::Step1Proposal(_) => 6,
+            Self::CellFit(_) | Self::OrganBeat(_) => 5,
             Self::Targets(_) => 3,
             Self::CellSweep(_) => 2,
-            Self::Noop(_) => 1,
+            Self::Step3Proposal(_) | Self::Noop(_) => 1,
         }
     }
 
@@ -221,6 +225,22 @@ pub struct OrganBeatSpec {
     pub finite_element: Option<EquationSettings>,
 }
 
+impl OrganBeatSpec {
+    /// The same with other parameters of the cell and of the valves, by name; those that are absent stay.
+    #[must_use]
+    pub fn with_parameters(&self, parameters: &BTreeMap<String, f64>) -> Self {
+        let mut beat = self.clone();
+        beat.valves = beat.valves.with(parameters);
+        if let ContractionSpec::Land2017Rice { parameters: cell, .. }
+        | ContractionSpec::Land2017Trace { parameters: cell, .. } = &mut beat.contraction
+        {
+            let of_cell = parameters.iter().filter(|(name, _)| !VALVE_PARAMETERS.contains(&name.as_str()));
+            cell.extend(of_cell.map(|(name, value)| (name.clone(), *value)));
+        }
+        beat
+    }
+}
+
 /// What to simulate next in step 1: the optimum of the one-fibre ventricle, corrected to the simulations so far.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
@@ -243,12 +263,12 @@ pub struct Step1ProposalSpec {
     pub seed: u64,
 }
 
-/// A simulation of step 1, as a proposal sees it.
+/// A simulation, as a proposal sees it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-pub struct Step1Run {
+pub struct ProposalRun<P> {
     /// What was simulated.
-    pub parameters: Step1Parameters,
+    pub parameters: P,
     /// What came out; absent where the simulation failed.
     pub biomarkers: Option<Biomarkers>,
     /// Whether both valves opened and closed.
@@ -256,6 +276,46 @@ pub struct Step1Run {
     /// The misfit that the proposal which led to it promised.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub predicted_misfit: Option<f64>,
+}
+
+/// A simulation of step 1.
+pub type Step1Run = ProposalRun<Step1Parameters>;
+
+/// The verification beat or a simulation of step 3.
+pub type Step3Run = ProposalRun<BTreeMap<String, f64>>;
+
+/// What to simulate next in step 3: the cell whose organ meets the measured biomarkers, by the one-fibre ventricle
+/// with that cell, corrected to the beats so far.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Step3ProposalSpec {
+    /// The beat with step 2's cell; of a finite-element ventricle the figures are used.
+    pub beat: OrganBeatSpec,
+    /// What is to be reached.
+    pub measured: Biomarkers,
+    /// Beats so far, the verification beat first.
+    pub runs: Vec<Step3Run>,
+    /// What may move, by name.
+    pub parameters: BTreeMap<String, MovedParameter>,
+    /// Standard deviation of each measured biomarker, percent of its value; one that is absent does not count.
+    pub uncertainty_percent: BTreeMap<String, f64>,
+    /// Seed of the points from which the optimum is sought.
+    pub seed: u64,
+}
+
+/// A parameter of step 3: the logarithm of its magnitude is sought within bounds, and has a normal distribution before
+/// any measurement.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct MovedParameter {
+    /// Smallest value, in the unit that the name says.
+    pub lower: f64,
+    /// Largest value.
+    pub upper: f64,
+    /// Value in the middle of the prior.
+    pub centre: f64,
+    /// Standard deviation of the logarithm.
+    pub log_sd: f64,
 }
 
 /// Median nodal traces and step 2's targets from an organ simulation's nodal traces.

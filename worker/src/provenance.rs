@@ -6,7 +6,7 @@ use std::time::Instant;
 use cardiotwin_schemas::organ::ContractionSpec;
 use cardiotwin_schemas::provenance::Provenance;
 use cardiotwin_schemas::settings::InstructionSet;
-use cardiotwin_schemas::task::{InputFile, TaskSpec};
+use cardiotwin_schemas::task::{InputFile, OrganBeatSpec, TaskSpec};
 
 use crate::engine::path_in_use;
 use crate::{clock, process};
@@ -48,6 +48,7 @@ impl Beginning {
                 TaskSpec::CellFit(spec) => Some(spec.seed),
                 TaskSpec::Discover(spec) => Some(spec.seed),
                 TaskSpec::Step1Proposal(spec) => Some(spec.seed),
+                TaskSpec::Step3Proposal(spec) => Some(spec.seed),
                 TaskSpec::CellSweep(spec) => spec.design.scramble_seed,
                 _ => None,
             },
@@ -73,13 +74,19 @@ pub fn inputs(task: &TaskSpec) -> Vec<&InputFile> {
         TaskSpec::PassiveState(spec) => spec.pressure.iter().chain(&spec.volume).collect(),
         TaskSpec::Targets(spec) => vec![&spec.nodal],
         TaskSpec::CellFit(spec) => spec.calcium.iter().collect(),
-        TaskSpec::OrganBeat(spec) => match &spec.contraction {
-            ContractionSpec::Land2017Trace { calcium, .. } => vec![calcium],
-            ContractionSpec::Tanh { .. } | ContractionSpec::Land2017Rice { .. } => Vec::new(),
-        },
-        TaskSpec::Discover(spec) => vec![&spec.pressure, &spec.volume],
+        TaskSpec::OrganBeat(spec) => calcium(spec),
         // Of a mesh only the figures are used, which the specification holds.
+        TaskSpec::Step3Proposal(spec) => calcium(&spec.beat),
+        TaskSpec::Discover(spec) => vec![&spec.pressure, &spec.volume],
         TaskSpec::Step1Proposal(_) | TaskSpec::CellSweep(_) | TaskSpec::Noop(_) => Vec::new(),
+    }
+}
+
+/// The calcium of a beat's cells, where it is an input.
+fn calcium(beat: &OrganBeatSpec) -> Vec<&InputFile> {
+    match &beat.contraction {
+        ContractionSpec::Land2017Trace { calcium, .. } => vec![calcium],
+        ContractionSpec::Tanh { .. } | ContractionSpec::Land2017Rice { .. } => Vec::new(),
     }
 }
 

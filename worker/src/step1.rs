@@ -2,6 +2,7 @@
 
 use cardiotwin_calibrate::fixed_point::{Biomarker, Biomarkers as Calibrated, Settings, Weights};
 use cardiotwin_calibrate::fixed_point::{Bounds, Outcome, PARAMETERS, Parameter, Parameters};
+use cardiotwin_calibrate::space_mapping::Proposal;
 use cardiotwin_schemas::biomarkers::Biomarkers;
 use cardiotwin_schemas::organ::Step1Parameters;
 use cardiotwin_schemas::outcome::OrganBeatResult;
@@ -54,6 +55,12 @@ pub fn outcome(beat: &OrganBeatResult) -> Outcome {
         return Outcome::Failed;
     }
     told(&beat.biomarkers, beat.failed_valve().is_none())
+}
+
+/// Factors of the cheap model's biomarkers at a proposal's base, by name.
+#[must_use]
+pub fn factors(proposal: &Proposal) -> BTreeMap<String, f64> {
+    proposal.correction.iter().map(|(biomarker, factor)| (biomarker.key().to_owned(), *factor)).collect()
 }
 
 /// The six updated parameters.

@@ -342,6 +342,14 @@ fn note(world: &World, i: usize, step: Step) -> String {
         },
         Stage::Step2 => chain.step2_cost.map_or_else(String::new, |cost| format!("cost {cost:.3}")),
         Stage::Verification => chain.verification_cost.map_or_else(String::new, |cost| format!("cost {cost:.3}")),
+        Stage::Step3 => match chain.step3_iterations.get(step.number as usize - 1).and_then(|it| it.verdict.as_ref()) {
+            Some(verdict) => verdict.to_string(),
+            None => String::new(),
+        },
+        Stage::Step3Proposal => match chain.step3_proposal(step.number) {
+            Some(proposal) => format!("predicted cost {:.3}", proposal.predicted_cost),
+            None => String::new(),
+        },
         _ => String::new(),
     }
 }

@@ -50,6 +50,7 @@ mod settings;
 mod show;
 mod step1;
 mod step2;
+mod step3;
 mod stop;
 #[cfg(test)]
 mod tests;

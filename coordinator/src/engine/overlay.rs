@@ -5,7 +5,7 @@ use std::fs;
 use std::io::{self, Write as _};
 use std::path::Path;
 
-use cardiotwin_schemas::organ::OrganSpec;
+use cardiotwin_schemas::organ::{OrganSpec, VALVE_PARAMETERS};
 use cardiotwin_schemas::outcome::TaskResult;
 use cardiotwin_schemas::overlay::ModelOverlay;
 
@@ -35,8 +35,9 @@ pub fn learned(world: &World, i: usize) -> Result<Option<ModelOverlay>, EngineEr
         Some(TaskResult::CellFit(fit)) => Some(fit),
         _ => None,
     };
-    // Every iteration of step 1 but the best one is a way, no foundation.
-    let best = chain.step1.as_ref().map(|s| s.best_iteration);
+    let step3 = chain.step3.as_ref();
+    // Every iteration of steps 1 and 3 but the best one is a way, no foundation.
+    let best = [chain.step1.as_ref().map(|s| s.best_iteration), chain.step3.as_ref().map(|s| s.best_iteration)];
     let from = chain
         .steps()
         .filter(|(step, _)| is_foundation(*step, best))
@@ -50,11 +51,16 @@ pub fn learned(world: &World, i: usize) -> Result<Option<ModelOverlay>, EngineEr
         left_atrial_pressure_mmhg: Some(step0.circulation.left_atrial_pressure_mmhg),
         passive,
         tanh: chain.step1.as_ref().map(|s| s.parameters.tanh),
-        valves: chain.step1.as_ref().map(|s| s.parameters.valves),
+        valves: chain
+            .step1
+            .as_ref()
+            .map(|s| step3.map_or(s.parameters.valves, |step3| s.parameters.valves.with(&step3.parameters))),
         // `a_p` stays out of the organ, but it was learned: the overlay keeps all that was fitted.
         cell: fit.map_or_else(BTreeMap::new, |fit| {
             let mut cell = cell_parameters(plan, fit);
             cell.extend(fit.parameters.iter().map(|p| (p.name.clone(), p.value)));
+            let moved = step3.iter().flat_map(|step3| &step3.parameters);
+            cell.extend(moved.filter(|(name, _)| !is_valve(name)).map(|(name, value)| (name.clone(), *value)));
             cell
         }),
         effects: plan.effects.clone(),
@@ -63,8 +69,17 @@ pub fn learned(world: &World, i: usize) -> Result<Option<ModelOverlay>, EngineEr
     }))
 }
 
-fn is_foundation(step: Step, best: Option<u32>) -> bool {
-    !matches!(step.stage, Stage::Step1 | Stage::Step1Proposal) || best == Some(step.number)
+/// - `best`: the iterations that were taken, of step 1 and of step 3
+fn is_foundation(step: Step, best: [Option<u32>; 2]) -> bool {
+    match step.stage {
+        Stage::Step1 | Stage::Step1Proposal => best[0] == Some(step.number),
+        Stage::Step3 | Stage::Step3Proposal => best[1] == Some(step.number),
+        _ => true,
+    }
+}
+
+fn is_valve(name: &str) -> bool {
+    VALVE_PARAMETERS.contains(&name)
 }
 
 /// Writes what was learned about a patient, if anything was.

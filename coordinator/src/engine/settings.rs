@@ -45,6 +45,8 @@ pub fn acts_before(layer: &SettingsLayer, from: Stage) -> Option<(&'static str, 
         ("step1", layer.step1.is_some(), Stage::Step1),
         ("step2", layer.step2.is_some(), Stage::Step2),
         ("verification", layer.verification.is_some(), Stage::Verification),
+        ("step3", layer.step3.is_some(), Stage::Step3),
+        ("workflow", layer.workflow.is_some(), Stage::Step3),
     ];
     tables.into_iter().find(|(_, there, stage)| *there && *stage < from).map(|(name, _, stage)| (name, stage))
 }

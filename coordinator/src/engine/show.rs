@@ -46,7 +46,7 @@ impl World {
             Patient::Working { step, task } => {
                 let (word, note) = self.at_work(patient.row.id, task);
                 shown.word = word.to_owned();
-                let proposes = note.is_empty() && step.stage == Stage::Step1Proposal;
+                let proposes = note.is_empty() && matches!(step.stage, Stage::Step1Proposal | Stage::Step3Proposal);
                 shown.note = if proposes { "proposing the next parameters".to_owned() } else { note };
             }
             Patient::Done => {
@@ -62,8 +62,10 @@ impl World {
             Patient::Failed { step, failure } => {
                 shown.failure_class = Some(failure.class);
                 shown.note = match step.stage {
-                    Stage::Step1 => format!("iteration {}: {}", step.number, failure.message),
-                    Stage::Step1Proposal => format!("proposal of iteration {}: {}", step.number, failure.message),
+                    Stage::Step1 | Stage::Step3 => format!("iteration {}: {}", step.number, failure.message),
+                    Stage::Step1Proposal | Stage::Step3Proposal => {
+                        format!("proposal of iteration {}: {}", step.number, failure.message)
+                    }
                     _ => failure.message.clone(),
                 };
             }
@@ -102,8 +104,9 @@ impl World {
 fn column(step: Step) -> String {
     match step.stage {
         Stage::Noop => step.to_string(),
-        // For people a part of step 1.
+        // For people a part of the step.
         Stage::Step1Proposal => Stage::Step1.to_string(),
+        Stage::Step3Proposal => Stage::Step3.to_string(),
         stage => stage.to_string(),
     }
 }

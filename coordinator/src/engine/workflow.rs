@@ -16,16 +16,16 @@ use cardiotwin_schemas::hash::sha256_hex;
 use cardiotwin_schemas::ids::TaskKey;
 use cardiotwin_schemas::organ::{BeatCount, ContractionSpec, OrganSpec, Step1Parameters, ValveParameters};
 use cardiotwin_schemas::outcome::{
-    Artefact, CellFitResult, PassiveStateResult, Step1ProposalResult, TargetsResult, TaskResult,
+    Artefact, CellFitResult, PassiveStateResult, Step1ProposalResult, Step3ProposalResult, TargetsResult, TaskResult,
 };
 use cardiotwin_schemas::plan::{ResolvedPatient, Workflow};
-use cardiotwin_schemas::record::{StallReason, Step1Quality, Step1Summary};
-use cardiotwin_schemas::settings::Update;
-use cardiotwin_schemas::task::{InputFile, NoopSpec, Step1Run, TargetsSpec, TaskSpec};
+use cardiotwin_schemas::record::{StallReason, Step1Quality, Step1Summary, Step3Ending, Step3Summary};
+use cardiotwin_schemas::settings::{LastStep, Update};
+use cardiotwin_schemas::task::{InputFile, NoopSpec, OrganBeatSpec, Step1Run, TargetsSpec, TaskSpec};
 use cardiotwin_schemas::verdict::Verdict;
 
-use super::{step1, step2};
-use crate::machine::chain::{Chain, ChainIteration, ChainProposal};
+use super::{step1, step2, step3};
+use crate::machine::chain::{Chain, ChainIteration, ChainProposal, Step3ChainIteration};
 use crate::machine::patient::{Stage, Step};
 
 /// A settled task, as the chain sees it.
@@ -143,7 +143,11 @@ impl<'a> Derivation<'a, '_> {
         let fit = self.step2(targets, calcium.clone())?;
         if self.plan.settings.verification.enabled {
             let contraction = step2::contraction(self.plan, fit, calcium);
-            self.verification(&step0, contraction, parameters.valves)?;
+            let beat = self.cell_beat(&step0, contraction, parameters.valves);
+            let verified = self.verification(&step0, &beat)?;
+            if self.plan.settings.workflow.until == LastStep::Step3 {
+                self.step3(&step0, &beat, verified)?;
+            }
         }
         Ok(())
     }
@@ -208,9 +212,8 @@ impl<'a> Derivation<'a, '_> {
             let number = runs.len() as u32 + 1;
             let decision = if self.plan.settings.step1_update() == Update::SpaceMapping {
                 match fixed_point::ended(&fixed_settings, &measured, &history) {
-                    Ok(None) => match self.proposal(step0, &start, &runs)?.filter(|next| history.lacks(next)) {
-                        Some(parameters) => {
-                            let promised = self.chain.proposals.last().map_or(0.0, |last| last.predicted_misfit);
+                    Ok(None) => match self.proposal(step0, &start, &runs)?.filter(|(next, _)| history.lacks(next)) {
+                        Some((parameters, promised)) => {
                             let content = fixed_point::content(&fixed_settings, &measured, &history, promised);
                             let next = fixed_point::Decision::Next { parameters, from: None };
                             content.map(|ended| ended.unwrap_or(next))
@@ -238,13 +241,13 @@ impl<'a> Derivation<'a, '_> {
         }
     }
 
-    /// The next parameters by space mapping; none if nothing is left to try.
+    /// The next parameters by space mapping with the misfit that they promise; none if nothing is left to try.
     fn proposal(
         &mut self,
         step0: &PassiveStateResult,
         start: &Step1Parameters,
         runs: &[Result<Published<'a>, Failure>],
-    ) -> Derived<Option<fixed_point::Parameters>> {
+    ) -> Derived<Option<(fixed_point::Parameters, f64)>> {
         let number = runs.len() as u32 + 1;
         let step = Step { stage: Stage::Step1Proposal, number };
         let told = runs.iter().zip(&self.chain.iterations).zip(1..).map(|((run, iteration), number)| Step1Run {
@@ -271,7 +274,7 @@ impl<'a> Derivation<'a, '_> {
             predicted_cost,
             predicted_misfit,
         });
-        Ok(Some(step1::parameters(&result.parameters)))
+        Ok(Some((step1::parameters(&result.parameters), predicted_misfit)))
     }
 
     /// One simulation of step 1: told to the history when it is settled, else handed back as wanted.
@@ -388,31 +391,156 @@ impl<'a> Derivation<'a, '_> {
         Ok(result)
     }
 
-    fn verification(
-        &mut self,
+    /// A beat of the organ with a cell, with the potentials that a verification beat has.
+    fn cell_beat(
+        &self,
         step0: &PassiveStateResult,
         contraction: ContractionSpec,
         valves: ValveParameters,
-    ) -> Derived<()> {
-        let step = Step::only(Stage::Verification);
-        let mut task = self.beat(step0, contraction, valves);
+    ) -> OrganBeatSpec {
+        let beats = BeatCount::Fixed { n: self.plan.settings.solver.beats };
+        let mut spec = self.plan.beat_spec(step0, contraction, valves, beats);
         let settings = &self.plan.settings.solver.finite_element;
-        if let TaskSpec::OrganBeat(spec) = &mut task
-            && let Some(equations) = &mut spec.finite_element
+        if let Some(equations) = &mut spec.finite_element
             && settings.ep == Electrophysiology::ReactionEikonal
         {
             equations.potentials = Some(settings.conduction);
         }
-        let done = self.result(step, task)?;
+        spec
+    }
+
+    /// A simulation with a cell in the organ, as step 3 sees it; a failed one is an answer of the model.
+    fn beat_with_cell(
+        &self,
+        step: Step,
+        spec: OrganBeatSpec,
+        parameters: BTreeMap<String, f64>,
+        measured: &Biomarkers,
+    ) -> Derived<(TaskKey, Result<step3::Beat, Failure>)> {
+        let task = TaskSpec::OrganBeat(Box::new(spec));
+        let key = task.key();
+        let done = match self.result(step, task) {
+            Ok(done) => done,
+            Err(Next::Failed { failure, .. }) if failure.class == FailureClass::Numerics => {
+                return Ok((key, Err(failure)));
+            }
+            Err(next) => return Err(next),
+        };
         let TaskResult::OrganBeat(beat) = done.result else { return Err(wrong_kind(step, done.result)) };
-        if let Some(valve) = beat.failed_valve() {
+        let settings = &self.plan.settings;
+        let seen = step3::Beat {
+            parameters,
+            biomarkers: Some(step1::of_step1(&beat.biomarkers)),
+            shut: beat.failed_valve().map(ToString::to_string),
+            predicted_misfit: None,
+            misfit: Some(step3::misfit(&settings.step3.uncertainty_percent, measured, &beat.biomarkers)),
+            verdict: Some(Verdict::of(measured, &beat.biomarkers, &settings.verification.tolerance_percent)),
+        };
+        Ok((key, Ok(seen)))
+    }
+
+    fn verification(&mut self, step0: &PassiveStateResult, spec: &OrganBeatSpec) -> Derived<step3::Beat> {
+        let step = Step::only(Stage::Verification);
+        let moved = self.moved(spec);
+        let (key, beat) = self.beat_with_cell(step, spec.clone(), moved.clone(), &step0.measured)?;
+        let is_last = self.plan.settings.workflow.until == LastStep::Step2Verification;
+        let beat = match beat {
+            Err(failure) if is_last => return Err(Next::Failed { step, failure }),
+            // Step 3 goes on from there.
+            Err(_) => step3::Beat::failed(moved),
+            Ok(beat) => beat,
+        };
+        if let Some(valve) = beat.shut.as_ref().filter(|_| is_last) {
             return Err(broken(step, FailureClass::Numerics, format!("the fitted cell makes no whole beat: {valve}")));
         }
-        self.chain.verification_cost = Some(step1_cost(&step0.measured, &beat.biomarkers));
-        let tolerances = &self.plan.settings.verification.tolerance_percent;
-        self.chain.verdict = Some(Verdict::of(&step0.measured, &beat.biomarkers, tolerances));
-        self.chain.verification = Some(done.key);
+        self.chain.verification_cost = beat.biomarkers.as_ref().map(|found| step1_cost(&step0.measured, found));
+        self.chain.verdict = beat.whole_verdict();
+        self.chain.verification = Some(key);
+        Ok(beat)
+    }
+
+    /// What step 3 may move, with the values of a beat.
+    fn moved(&self, spec: &OrganBeatSpec) -> BTreeMap<String, f64> {
+        let moved = self.plan.settings.step3.moved(spec.contraction.cell_parameters(), &spec.valves);
+        moved.into_iter().map(|(name, moved)| (name, moved.centre)).collect()
+    }
+
+    fn step3(&mut self, step0: &PassiveStateResult, beat: &OrganBeatSpec, verified: step3::Beat) -> Derived<()> {
+        let settings = &self.plan.settings.step3;
+        let measured = &step0.measured;
+        let mut beats = vec![verified];
+        let ending = loop {
+            if step3::content(&beats, settings.n_measured(measured)) {
+                break Step3Ending::WithinUncertainty;
+            }
+            let number = beats.len() as u32;
+            if number > settings.max_iterations {
+                break Step3Ending::IterationLimit;
+            }
+            let Some((parameters, promised)) = self.step3_proposal(number, step0, beat, &beats)? else {
+                break Step3Ending::NoPromise;
+            };
+            if !step3::worth_it(&beats, promised) {
+                break Step3Ending::NoPromise;
+            }
+            let step = Step { stage: Stage::Step3, number };
+            let spec = beat.with_parameters(&parameters);
+            let (task, simulated) = self.beat_with_cell(step, spec, parameters.clone(), measured)?;
+            let simulated = simulated.unwrap_or_else(|_| step3::Beat::failed(parameters.clone()));
+            self.chain.step3_iterations.push(Step3ChainIteration {
+                parameters,
+                task,
+                misfit: simulated.misfit,
+                whole_beat: simulated.is_whole(),
+                verdict: simulated.verdict.clone(),
+            });
+            beats.push(step3::Beat { predicted_misfit: Some(promised), ..simulated });
+        };
+        let Some(best) = step3::best(&beats) else {
+            let step = Step { stage: Stage::Step3, number: beats.len().max(2) as u32 - 1 };
+            let message = match beats.last().and_then(|beat| beat.shut.as_ref()) {
+                Some(valve) => format!("no cell makes a whole beat of the organ: {valve}"),
+                None => "no simulation of the organ with a cell ended".to_owned(),
+            };
+            return Err(broken(step, FailureClass::Numerics, message));
+        };
+        let taken = beats.swap_remove(best);
+        self.chain.verdict = taken.whole_verdict();
+        self.chain.step3 = Some(Step3Summary {
+            ending,
+            best_iteration: best as u32,
+            misfit: taken.misfit.unwrap_or(f64::INFINITY),
+            parameters: taken.parameters,
+        });
         Ok(())
+    }
+
+    /// The next parameters of step 3 with the misfit that they promise; none if nothing is left to try.
+    fn step3_proposal(
+        &mut self,
+        number: u32,
+        step0: &PassiveStateResult,
+        beat: &OrganBeatSpec,
+        beats: &[step3::Beat],
+    ) -> Derived<Option<(BTreeMap<String, f64>, f64)>> {
+        let step = Step { stage: Stage::Step3Proposal, number };
+        let runs = beats.iter().map(step3::Beat::told).collect();
+        let spec = self.plan.step3_proposal_spec(step0, beat.clone(), runs);
+        let done = match self.result(step, TaskSpec::Step3Proposal(Box::new(spec))) {
+            Ok(done) => done,
+            Err(Next::Failed { failure, .. }) if failure.class == FailureClass::Numerics => return Ok(None),
+            Err(next) => return Err(next),
+        };
+        let TaskResult::Step3Proposal(result) = done.result else { return Err(wrong_kind(step, done.result)) };
+        let Step3ProposalResult { predicted_cost, predicted_misfit, .. } = *result;
+        self.chain.step3_proposals.push(ChainProposal {
+            iteration: number,
+            task: done.key,
+            predicted_cost,
+            predicted_misfit,
+        });
+        let lacks = beats.iter().all(|beat| beat.parameters != result.parameters);
+        Ok(lacks.then(|| (result.parameters.clone(), predicted_misfit)))
     }
 }
 

@@ -142,6 +142,8 @@ pub fn load_alone(folder: &Path, report: &mut Report) -> Option<Patient> {
         step1: None,
         step2: None,
         verification: None,
+        step3: None,
+        workflow: None,
         executor: None,
     };
     let nothing = Layer::default();

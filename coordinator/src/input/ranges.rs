@@ -8,6 +8,7 @@ use cardiotwin_schemas::organ::CELL_PARAMETERS;
 use cardiotwin_schemas::settings::{
     CellFitSettings, STEP1_BIOMARKERS, STEP1_PARAMETERS, Settings, SolverSettings, Step1Settings,
 };
+use cardiotwin_schemas::step3::{Step3Settings, can_move};
 use cardiotwin_schemas::verdict::TwinTolerances;
 
 use super::external;
@@ -40,6 +41,7 @@ pub fn complaints(settings: &Settings) -> Vec<Complaint> {
     list.step1(&settings.step1);
     list.step2(&settings.step2);
     list.verification(&settings.verification.tolerance_percent);
+    list.step3(&settings.step3);
     let executor = &settings.executor;
     list.count("executor.threads", executor.threads, 0, 1024);
     list.count("executor.workers", executor.workers, 0, 4096);
@@ -253,6 +255,34 @@ impl List {
     fn verification(&mut self, tolerances: &TwinTolerances) {
         for (name, percent) in tolerances.named() {
             self.positive(&format!("verification.tolerance_percent.{name}"), percent, 1e3);
+        }
+    }
+
+    fn step3(&mut self, step3: &Step3Settings) {
+        self.count("step3.max_iterations", step3.max_iterations, 0, 100);
+        for (name, percent) in &step3.uncertainty_percent {
+            self.positive(&format!("step3.uncertainty_percent.{name}"), *percent, 1e3);
+            if !STEP1_BIOMARKERS.contains(&name.as_str()) {
+                let expected = format!("one of {}", STEP1_BIOMARKERS.join(", "));
+                self.add("step3.uncertainty_percent", name.clone(), &expected, "name one of the organ's biomarkers");
+            }
+        }
+        for name in &step3.parameters {
+            if !can_move(name) {
+                let expected = "a parameter of the cell (but a_p_kPa) or of a valve";
+                self.add("step3.parameters", name.clone(), expected, "docs/step3.md lists them");
+            } else if !step3.bounds.contains_key(name) {
+                let key = format!("step3.bounds.{name}");
+                self.add(&key, "no bounds".to_owned(), "[lower, upper]", "give the parameter bounds, or take it out");
+            }
+        }
+        for (name, [lower, upper]) in &step3.bounds {
+            let makes_sense = lower < upper && lower * upper > 0.0 && lower.is_finite() && upper.is_finite();
+            if !makes_sense {
+                let found = format!("[{lower}, {upper}]");
+                let expected = "two numbers of one sign, the lower one first";
+                self.add(&format!("step3.bounds.{name}"), found, expected, "swap or widen the bounds");
+            }
         }
     }
 

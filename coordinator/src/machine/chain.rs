@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use cardiotwin_schemas::ids::TaskKey;
 use cardiotwin_schemas::organ::Step1Parameters;
-use cardiotwin_schemas::record::Step1Summary;
+use cardiotwin_schemas::record::{Step1Summary, Step3Summary};
 use cardiotwin_schemas::verdict::Verdict;
 use serde::{Deserialize, Serialize};
 
@@ -33,9 +33,18 @@ pub struct Chain {
     pub verification: Option<TaskKey>,
     /// Its cost by step 1's formula.
     pub verification_cost: Option<f64>,
-    /// What it says of the twin.
+    /// What the best beat with a cell in the organ says of the twin: the verification beat, or one of step 3.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub verdict: Option<Verdict>,
+    /// Step 3's simulations, failed ones included.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub step3_iterations: Vec<Step3ChainIteration>,
+    /// What they were proposed by.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub step3_proposals: Vec<ChainProposal>,
+    /// How step 3 ended.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub step3: Option<Step3Summary>,
     /// No-op tasks.
     pub noops: Vec<TaskKey>,
     /// The one task of a sweep's element.
@@ -59,7 +68,22 @@ pub struct ChainIteration {
     pub relative_differences: BTreeMap<String, f64>,
 }
 
-/// What proposed a simulation of step 1.
+/// One simulation of step 3.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Step3ChainIteration {
+    /// Parameters that step 3 moves, by name.
+    pub parameters: BTreeMap<String, f64>,
+    /// The task.
+    pub task: TaskKey,
+    /// Squared differences over the measurements' variances; absent where it failed.
+    pub misfit: Option<f64>,
+    /// Whether both valves opened and closed.
+    pub whole_beat: bool,
+    /// What it says of the twin; absent where it failed.
+    pub verdict: Option<Verdict>,
+}
+
+/// What proposed a simulation of step 1 or 3.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct ChainProposal {
     /// Which iteration, from 1.
@@ -77,8 +101,10 @@ impl Chain {
     /// Every settled task with its place.
     pub fn steps(&self) -> impl Iterator<Item = (Step, &TaskKey)> {
         let iterations = self.iterations.iter().map(|i| &i.task);
-        let proposals =
-            self.proposals.iter().map(|p| (Step { stage: Stage::Step1Proposal, number: p.iteration }, &p.task));
+        let of = |stage: Stage| move |p: &'_ ChainProposal| Step { stage, number: p.iteration };
+        let (of_step1, of_step3) = (of(Stage::Step1Proposal), of(Stage::Step3Proposal));
+        let proposals = (self.proposals.iter().map(move |p| (of_step1(p), &p.task)))
+            .chain(self.step3_proposals.iter().map(move |p| (of_step3(p), &p.task)));
         let mut steps: Vec<(Step, &TaskKey)> = [Stage::Step0]
             .into_iter()
             .zip(&self.step0)
@@ -86,6 +112,7 @@ impl Chain {
             .chain([Stage::Targets].into_iter().zip(&self.targets))
             .chain([Stage::Step2].into_iter().zip(&self.cell_fit))
             .chain([Stage::Verification].into_iter().zip(&self.verification))
+            .chain(std::iter::repeat(Stage::Step3).zip(self.step3_iterations.iter().map(|i| &i.task)))
             .chain(std::iter::repeat(Stage::Noop).zip(&self.noops))
             .chain([Stage::Task].into_iter().zip(&self.task))
             .scan((None, 0), |(last, number), (stage, key)| {
@@ -103,6 +130,12 @@ impl Chain {
     #[must_use]
     pub fn proposal(&self, iteration: u32) -> Option<&ChainProposal> {
         self.proposals.iter().find(|proposal| proposal.iteration == iteration)
+    }
+
+    /// What proposed an iteration of step 3, from 1.
+    #[must_use]
+    pub fn step3_proposal(&self, iteration: u32) -> Option<&ChainProposal> {
+        self.step3_proposals.iter().find(|proposal| proposal.iteration == iteration)
     }
 
     /// Lowest cost of a whole beat of step 1 so far.

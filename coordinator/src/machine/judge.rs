@@ -9,8 +9,8 @@ use cardiotwin_schemas::failure::{Failure, FailureClass};
 use cardiotwin_schemas::ids::AttemptId;
 use cardiotwin_schemas::organ::OrganSpec;
 use cardiotwin_schemas::outcome::{
-    CellFitResult, CellSweepResult, Ending, OrganBeatResult, PassiveStateResult, Step1ProposalResult, TargetsResult,
-    TaskOutcome, TaskResult,
+    CellFitResult, CellSweepResult, Ending, OrganBeatResult, PassiveStateResult, ProposalResult, Step1ProposalResult,
+    Step3ProposalResult, TargetsResult, TaskOutcome, TaskResult,
 };
 use cardiotwin_schemas::settings::STEP1_PARAMETERS;
 
@@ -46,6 +46,7 @@ fn science(kind: &str, result: &TaskResult) -> Result<(), Failure> {
         ("passive-state", TaskResult::PassiveState(r)) => passive_state(r),
         ("organ-beat", TaskResult::OrganBeat(r)) => organ_beat(r),
         ("step1-proposal", TaskResult::Step1Proposal(r)) => step1_proposal(r),
+        ("step3-proposal", TaskResult::Step3Proposal(r)) => step3_proposal(r),
         ("targets", TaskResult::Targets(r)) => targets(r),
         ("cell-fit", TaskResult::CellFit(r)) => cell_fit(r),
         ("cell-sweep", TaskResult::CellSweep(r)) => cell_sweep(r),
@@ -56,6 +57,7 @@ fn science(kind: &str, result: &TaskResult) -> Result<(), Failure> {
                 TaskResult::PassiveState(_) => "passive-state",
                 TaskResult::OrganBeat(_) => "organ-beat",
                 TaskResult::Step1Proposal(_) => "step1-proposal",
+                TaskResult::Step3Proposal(_) => "step3-proposal",
                 TaskResult::Targets(_) => "targets",
                 TaskResult::CellFit(_) => "cell-fit",
                 TaskResult::CellSweep(_) => "cell-sweep",
@@ -116,6 +118,15 @@ fn organ_beat(r: &OrganBeatResult) -> Result<(), Failure> {
 
 fn step1_proposal(r: &Step1ProposalResult) -> Result<(), Failure> {
     STEP1_PARAMETERS.iter().zip(r.parameters.updated()).try_for_each(|(name, value)| positive(name, value))?;
+    proposal(r)
+}
+
+fn step3_proposal(r: &Step3ProposalResult) -> Result<(), Failure> {
+    r.parameters.iter().try_for_each(|(name, value)| finite(name, *value))?;
+    proposal(r)
+}
+
+fn proposal<P>(r: &ProposalResult<P>) -> Result<(), Failure> {
     finite("predicted cost", r.predicted_cost)?;
     finite("predicted misfit", r.predicted_misfit)?;
     biomarkers(&r.predicted)

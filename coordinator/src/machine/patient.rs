@@ -10,7 +10,7 @@
 //!   ├──────────── Finish ────────┼──────────► Done
 //!   └──────────── Cancel ────────┴──────────► Cancelled{at}
 //!
-//!  steps:  step-0 ─► step-1 iteration 1 … k ─► targets ─► step-2 ─► verification      (personalise)
+//!  steps:  step-0 ─► step-1 iteration 1 … k ─► targets ─► step-2 ─► verification ─► step-3 iteration 1 … n  (personalise)
 //!                    each after a proposal of its own, where space mapping finds the next parameters
 //!          noop-1 ─► noop-2 ─► noop-3                                                 (noop)
 //!          task                                                                       (an element of a sweep)
@@ -48,6 +48,12 @@ pub enum Stage {
     Step2,
     /// One beat with the fitted cell.
     Verification,
+    /// What to simulate next with a cell in the organ.
+    #[serde(rename = "step-3-proposal")]
+    Step3Proposal,
+    /// The simulations with cells in the organ.
+    #[serde(rename = "step-3")]
+    Step3,
     /// A no-op.
     Noop,
     /// The one task of a sweep's element.
@@ -65,6 +71,8 @@ impl Stage {
             Self::Targets => "targets",
             Self::Step2 => "step-2",
             Self::Verification => "verification",
+            Self::Step3Proposal => "step-3-proposal",
+            Self::Step3 => "step-3",
             Self::Noop => "noop",
             Self::Task => "task",
         }
@@ -79,7 +87,7 @@ impl fmt::Display for Stage {
 
 /// A word that names no stage.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("`{found}` is no step; expected step0, step1, targets, step2 or verification")]
+#[error("`{found}` is no step; expected step0, step1, targets, step2, verification or step3")]
 pub struct UnknownStage {
     /// What was given.
     pub found: String,
@@ -96,12 +104,14 @@ impl FromStr for Stage {
             "targets" => Ok(Self::Targets),
             "step2" | "step-2" => Ok(Self::Step2),
             "verification" => Ok(Self::Verification),
+            "step3" | "step-3" => Ok(Self::Step3),
             _ => Err(UnknownStage { found: text.to_owned() }),
         }
     }
 }
 
-/// A stage, and which of its tasks: iterations of step 1, their proposals and no-ops count from 1, the others have one.
+/// A stage, and which of its tasks: iterations of steps 1 and 3, their proposals and no-ops count from 1, the others have
+/// one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct Step {
     /// The stage.
@@ -119,10 +129,11 @@ impl Step {
 }
 
 impl Ord for Step {
-    /// The order of the chain: proposals and simulations of step 1 take turns.
+    /// The order of the chain: proposals and simulations of a step take turns.
     fn cmp(&self, other: &Self) -> Ordering {
         let key = |step: &Self| match step.stage {
             Stage::Step1Proposal => (Stage::Step1, step.number, 0),
+            Stage::Step3Proposal => (Stage::Step3, step.number, 0),
             stage => (stage, step.number, 1),
         };
         key(self).cmp(&key(other))
@@ -140,6 +151,8 @@ impl fmt::Display for Step {
         match self.stage {
             Stage::Step1Proposal => write!(f, "step-1 proposal {}", self.number),
             Stage::Step1 => write!(f, "step-1 iteration {}", self.number),
+            Stage::Step3Proposal => write!(f, "step-3 proposal {}", self.number),
+            Stage::Step3 => write!(f, "step-3 iteration {}", self.number),
             Stage::Noop => write!(f, "noop-{}", self.number),
             stage => write!(f, "{stage}"),
         }

@@ -7,7 +7,7 @@ use cardiotwin_schemas::failure::Failure;
 use cardiotwin_schemas::ids::TaskKey;
 use cardiotwin_schemas::outcome::{Ending, TaskOutcome, TaskResult};
 use cardiotwin_schemas::plan::ResolvedPatient;
-use cardiotwin_schemas::record::{IterationRecord, PatientRecord, TaskRecord};
+use cardiotwin_schemas::record::{IterationRecord, PatientRecord, Step3IterationRecord, TaskRecord};
 use cardiotwin_schemas::status::PatientStatus;
 use sqlx::Row as _;
 use sqlx::sqlite::SqliteRow;
@@ -111,7 +111,20 @@ pub(super) fn patient(
         cost: iteration.cost,
         relative_differences: iteration.relative_differences.clone(),
     });
+    let step3_iterations = chain.step3_iterations.iter().zip(1..).map(|(iteration, number)| Step3IterationRecord {
+        number,
+        parameters: iteration.parameters.clone(),
+        proposal: find(settled, chain.step3_proposal(number).map(|proposal| &proposal.task), |result| match result {
+            TaskResult::Step3Proposal(r) => Some(r.clone()),
+            _ => None,
+        }),
+        run: find(settled, Some(&iteration.task), organ_beat),
+        failure: settled.get(&iteration.task).and_then(Settled::failure),
+        misfit: iteration.misfit,
+        verdict: iteration.verdict.clone(),
+    });
     PatientRecord {
+        step3_iterations: step3_iterations.collect(),
         step0: find(settled, chain.step0.as_ref(), |result| match result {
             TaskResult::PassiveState(r) => Some(r.clone()),
             _ => None,
@@ -128,6 +141,7 @@ pub(super) fn patient(
         verification: find(settled, chain.verification.as_ref(), organ_beat),
         verification_cost: chain.verification_cost,
         verdict: chain.verdict.clone(),
+        step3: chain.step3,
         step1: chain.step1,
         plan,
         status,

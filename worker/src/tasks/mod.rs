@@ -6,7 +6,7 @@ pub mod discover;
 pub mod noop;
 pub mod organ_beat;
 pub mod passive_state;
-pub mod step1_proposal;
+pub mod proposal;
 pub mod targets;
 
 use cardiotwin_schemas::outcome::{Ending, TaskResult};
@@ -23,7 +23,8 @@ pub fn run_task(task: &TaskSpec, context: &mut Context) -> Ending {
         TaskSpec::Noop(spec) => noop::run(spec, context).map(succeeded),
         TaskSpec::PassiveState(spec) => passive_state::run(spec, context).map(succeeded),
         TaskSpec::OrganBeat(spec) => organ_beat::run(spec, context),
-        TaskSpec::Step1Proposal(spec) => step1_proposal::run(spec, context).map(succeeded),
+        TaskSpec::Step1Proposal(spec) => proposal::step1::run(spec, context).map(succeeded),
+        TaskSpec::Step3Proposal(spec) => proposal::step3::run(spec, context).map(succeeded),
         TaskSpec::Targets(spec) => targets::run(spec, context).map(succeeded),
         TaskSpec::CellFit(spec) => cell_fit::run(spec, context).map(succeeded),
     };

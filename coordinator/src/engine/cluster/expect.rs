@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use cardiotwin_schemas::plan::{ResolvedPatient, Workflow};
-use cardiotwin_schemas::settings::{ExecutorSettings, Fidelity, Update};
+use cardiotwin_schemas::settings::{ExecutorSettings, Fidelity, LastStep, Update};
 use cardiotwin_schemas::task::TaskSpec;
 
 use super::mesh_size;
@@ -19,6 +19,8 @@ const S_PER_NODE: f64 = 0.1;
 const EXTERNAL_S: f64 = 3600.0;
 /// Iterations of step 1 that a patient is expected to need (SPEC section 5: two to four, and one more).
 const ITERATIONS: usize = 5;
+/// Simulations of step 3, until it has ended.
+const STEP3_ITERATIONS: usize = 3;
 
 /// Expected seconds by a task's kind.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -105,9 +107,18 @@ pub fn rest(plan: &ResolvedPatient, chain: &Chain) -> Vec<(&'static str, usize)>
             let proposes = plan.settings.step1_update() == Update::SpaceMapping;
             let iterations =
                 if chain.step1.is_some() { 0 } else { ITERATIONS.saturating_sub(chain.iterations.len()).max(1) };
+            let settings = &plan.settings;
+            let is_wanted = settings.verification.enabled && settings.workflow.until == LastStep::Step3;
+            let step3 = if !is_wanted || chain.step3.is_some() {
+                0
+            } else {
+                let most = STEP3_ITERATIONS.min(settings.step3.max_iterations as usize);
+                most.saturating_sub(chain.step3_iterations.len())
+            };
             vec![
                 ("passive-state", usize::from(chain.step0.is_none())),
-                ("organ-beat", iterations + usize::from(chain.verification.is_none())),
+                ("organ-beat", iterations + usize::from(chain.verification.is_none()) + step3),
+                ("step3-proposal", step3),
                 ("step1-proposal", if proposes { iterations } else { 0 }),
                 ("targets", usize::from(chain.targets.is_none())),
                 ("cell-fit", usize::from(chain.cell_fit.is_none())),

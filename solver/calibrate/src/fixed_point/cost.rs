@@ -1,6 +1,7 @@
 //! The cost of an iteration: squared relative differences of its biomarkers to the measured ones.
 
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
 
 /// One biomarker of step 1.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
@@ -184,6 +185,14 @@ impl Weights {
     pub fn with(mut self, biomarker: Biomarker, weight: f64) -> Self {
         self.0[biomarker as usize] = weight;
         self
+    }
+
+    /// One over the variance of each relative difference, from standard deviations in percent of the measured value by the
+    /// biomarkers' keys; a biomarker that is absent does not count.
+    #[must_use]
+    pub fn of_uncertainty_percent(uncertainty_percent: &BTreeMap<String, f64>) -> Self {
+        let weight = |biomarker: Biomarker| uncertainty_percent.get(biomarker.key()).map(|sd| (0.01 * sd).powi(-2));
+        Self(Biomarker::ALL.map(|biomarker| weight(biomarker).unwrap_or(0.0)))
     }
 
     /// (clinical − simulated)/clinical times the root of its weight, of each measured biomarker that has one; 1 for the

@@ -1,4 +1,5 @@
-//! Step 1's other update: a cheap model, corrected to the expensive one's runs so far, proposes the next parameters.
+//! A cheap model, corrected to the expensive one's runs so far, proposes the next parameters: step 1's other update, and
+//! step 3's only one.
 //!
 //! Sources: space mapping, Bandler et al. 1994, IEEE Trans. Microwave Theory Tech. 42:2536, in its form with output
 //! correction; that correction's change with the parameters from all runs, as in manifold mapping, Echeverría and Hemker
@@ -7,10 +8,12 @@
 
 mod correction;
 mod minimise;
+mod of_step1;
 mod propose;
 mod trust;
 
-pub use propose::{Problem, Proposal, Run, plausible, propose};
+pub use of_step1::{Step1Problem, Step1Run, plausible, propose_step1};
+pub use propose::{Nearness, Prior, Problem, Proposal, Run, propose};
 pub use trust::FIRST_RADIUS;
 
 #[cfg(test)]

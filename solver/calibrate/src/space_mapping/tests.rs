@@ -43,21 +43,25 @@ fn expensive(p: &Parameters) -> Outcome {
 }
 
 /// Proposes and simulates `n` times.
-fn run(n: usize, settings: &Settings, simulate: &dyn Fn(usize, &Parameters) -> Outcome) -> (Vec<Run>, Vec<Proposal>) {
+fn run(
+    n: usize,
+    settings: &Settings,
+    simulate: &dyn Fn(usize, &Parameters) -> Outcome,
+) -> (Vec<Step1Run>, Vec<Proposal>) {
     let (mut runs, mut proposals) = (Vec::new(), Vec::new());
     let (measured, initial) = (biomarkers(MEASURED), Parameters::default());
     for i in 0..n {
         let problem =
-            Problem { measured: &measured, runs: &runs, initial: &initial, settings, expected: [1.0; 7], seed: 1 };
-        let Some(proposal) = propose(&problem, &cheap) else { break };
-        let outcome = simulate(i, &proposal.parameters);
-        runs.push(Run { parameters: proposal.parameters, outcome, predicted_misfit: Some(proposal.misfit) });
+            Step1Problem { measured: &measured, runs: &runs, initial: &initial, settings, expected: [1.0; 7], seed: 1 };
+        let Some((parameters, proposal)) = propose_step1(&problem, &cheap) else { break };
+        let outcome = simulate(i, &parameters);
+        runs.push(Step1Run { parameters, outcome, predicted_misfit: Some(proposal.misfit) });
         proposals.push(proposal);
     }
     (runs, proposals)
 }
 
-fn cost(run: &Run) -> f64 {
+fn cost(run: &Step1Run) -> f64 {
     match run.outcome {
         Outcome::Simulated(found) => Cost::of(&biomarkers(MEASURED), &found).total,
         _ => f64::INFINITY,
@@ -94,9 +98,15 @@ fn frozen_parameters_and_what_nothing_was_measured_of_stay() {
     let initial = Parameters { t_cr_ms: 480.0, r_mv_f_mmhg_s_per_ml: 0.02, ..Parameters::default() };
     let mut measured = biomarkers(MEASURED);
     measured.set(Biomarker::TauVr, None);
-    let problem =
-        Problem { measured: &measured, runs: &[], initial: &initial, settings: &settings, expected: [1.0; 7], seed: 1 };
-    let parameters = propose(&problem, &cheap).unwrap().parameters;
+    let problem = Step1Problem {
+        measured: &measured,
+        runs: &[],
+        initial: &initial,
+        settings: &settings,
+        expected: [1.0; 7],
+        seed: 1,
+    };
+    let parameters = propose_step1(&problem, &cheap).unwrap().0;
     assert_eq!((parameters.t_cr_ms, parameters.r_mv_f_mmhg_s_per_ml), (480.0, 0.02));
     assert_ne!(parameters.smax_ref_kpa, initial.smax_ref_kpa);
 }
@@ -105,8 +115,9 @@ fn frozen_parameters_and_what_nothing_was_measured_of_stay() {
 fn what_is_expected_of_the_expensive_model_counts_before_the_first_run() {
     let (measured, initial, settings) = (biomarkers(MEASURED), Parameters::default(), Settings::default());
     let expected = [0.8, 0.7, 1.2, 1.1, 1.0, 0.6, 1.0];
-    let problem = Problem { measured: &measured, runs: &[], initial: &initial, settings: &settings, expected, seed: 1 };
-    let parameters = propose(&problem, &cheap).unwrap().parameters;
+    let problem =
+        Step1Problem { measured: &measured, runs: &[], initial: &initial, settings: &settings, expected, seed: 1 };
+    let parameters = propose_step1(&problem, &cheap).unwrap().0;
     let mut found = heart(&parameters, SCALE, ROWS);
     for (biomarker, factor) in Biomarker::ALL.into_iter().zip(expected) {
         found.set(biomarker, found.get(biomarker).map(|value| value * factor));
@@ -157,17 +168,12 @@ fn a_beat_whose_valves_stay_shut_leads_on_by_its_pressure() {
 
 #[test]
 fn the_radius_follows_what_predictions_were_worth() {
-    let at = |x: f64, outcome, predicted_misfit| {
-        let mut parameters = Parameters::default();
-        parameters.set(Parameter::SmaxRef, 100.0 * x.exp());
-        (Run { parameters, outcome, predicted_misfit }, vec![x])
-    };
+    let at = |x: f64, outcome, predicted_misfit| Run { x: vec![x], outcome, predicted_misfit };
     let whole = Outcome::Simulated(Biomarkers::default());
     let after = |predicted: Option<f64>, outcome: Outcome, found: Option<f64>| {
-        let (runs, x): (Vec<Run>, Vec<Vec<f64>>) =
-            [at(0.0, whole, None), at(0.8, outcome, predicted)].into_iter().unzip();
+        let runs = [at(0.0, whole, None), at(0.8, outcome, predicted)];
         let costs = [Some(1.0), found];
-        radius(&runs, &x, &costs, &|i| matches!(runs[i].outcome, Outcome::Simulated(_)))
+        radius(&runs, &costs, &|i| matches!(runs[i].outcome, Outcome::Simulated(_)))
     };
     assert_eq!(after(Some(0.2), whole, Some(0.25)), 1.6, "kept its promise");
     assert_eq!(after(Some(0.2), whole, Some(0.6)), FIRST_RADIUS, "kept half of it");
@@ -207,10 +213,10 @@ proptest! {
         };
         let (runs, proposals) = run(answers.len(), &settings, &simulate);
         prop_assert_eq!(runs.len(), answers.len());
-        for (i, proposal) in proposals.iter().enumerate() {
+        for (i, (proposal, run)) in proposals.iter().zip(&runs).enumerate() {
             prop_assert!(proposal.cost.is_finite());
             // A fallback to the initial guess is cut to the bounds, too.
-            prop_assert!(settings.admits(&proposal.parameters), "{:?}", proposal.parameters);
+            prop_assert!(settings.admits(&run.parameters), "{:?}", run.parameters);
             if let (Some(step), Some(radius), false) = (proposal.step, proposal.radius, narrow) {
                 prop_assert!(step <= radius + 1e-9, "{step} > {radius}");
             }

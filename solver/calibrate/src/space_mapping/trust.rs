@@ -12,18 +12,18 @@ const POOR: f64 = 0.25;
 /// … and one that gains more than this share may be longer.
 const GOOD: f64 = 0.75;
 
-/// The radius after the last of `runs`; `x` holds their logarithms and `misfits` their misfits, none where a run failed.
+/// The radius after the last of `runs`; `misfits` are theirs, none where a run failed.
 ///
 /// Shrinks to half the length of a step that gained little, to a quarter of one that ended without a whole beat; grows to
 /// twice the length of one that kept what it promised.
-pub(super) fn radius(runs: &[Run], x: &[Vec<f64>], misfits: &[Option<f64>], is_whole: &dyn Fn(usize) -> bool) -> f64 {
+pub(super) fn radius(runs: &[Run], misfits: &[Option<f64>], is_whole: &dyn Fn(usize) -> bool) -> f64 {
     let mut radius = FIRST_RADIUS;
     for last in 1..runs.len() {
         let best = |admits: &dyn Fn(usize) -> bool| {
             (0..last).filter(|i| admits(*i)).filter_map(|i| Some((i, misfits[i]?))).min_by(|a, b| a.1.total_cmp(&b.1))
         };
         let Some((base, before)) = best(is_whole).or_else(|| best(&|_| true)) else { continue };
-        let length = x[last].iter().zip(&x[base]).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+        let length = runs[last].x.iter().zip(&runs[base].x).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
         radius = match (&runs[last].outcome, misfits[last]) {
             (Outcome::Simulated(_), Some(_)) if !is_whole(base) => FIRST_RADIUS,
             (Outcome::NoWholeBeat(_), Some(_)) if !is_whole(base) => radius,

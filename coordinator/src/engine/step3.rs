@@ -1,0 +1,122 @@
+//! Step 3 as tasks: which parameters to simulate next in the organ, and when to stop. Pure.
+
+use std::collections::BTreeMap;
+
+use cardiotwin_calibrate::fixed_point::Weights;
+use cardiotwin_schemas::biomarkers::Biomarkers;
+use cardiotwin_schemas::task::Step3Run;
+use cardiotwin_schemas::verdict::Verdict;
+
+use super::step1;
+
+/// A beat that is already personalised is bettered only where another promises to take away this share of its misfit.
+const PROMISED_SHARE: f64 = 0.2;
+/// One that is not, where another promises this share.
+const LEAST_SHARE: f64 = 0.02;
+
+/// A beat of the organ with a cell: the verification beat, or one of step 3.
+#[derive(Debug, Clone)]
+pub struct Beat {
+    /// Parameters that step 3 may move.
+    pub parameters: BTreeMap<String, f64>,
+    /// What came out; none where the simulation failed.
+    pub biomarkers: Option<Biomarkers>,
+    /// The valve that did not open and close, if one did not.
+    pub shut: Option<String>,
+    /// The misfit that its proposal promised.
+    pub predicted_misfit: Option<f64>,
+    /// Squared differences over the measurements' variances; none where it failed.
+    pub misfit: Option<f64>,
+    /// What it says of the twin.
+    pub verdict: Option<Verdict>,
+}
+
+impl Beat {
+    /// A simulation that did not end.
+    pub fn failed(parameters: BTreeMap<String, f64>) -> Self {
+        Self { parameters, biomarkers: None, shut: None, predicted_misfit: None, misfit: None, verdict: None }
+    }
+
+    /// Whether it ended, and both valves opened and closed.
+    pub fn is_whole(&self) -> bool {
+        self.biomarkers.is_some() && self.shut.is_none()
+    }
+
+    /// What a whole beat says of the twin.
+    pub fn whole_verdict(&self) -> Option<Verdict> {
+        self.verdict.clone().filter(|_| self.is_whole())
+    }
+
+    /// The beat as a proposal sees it.
+    pub fn told(&self) -> Step3Run {
+        Step3Run {
+            parameters: self.parameters.clone(),
+            biomarkers: self.biomarkers,
+            whole_beat: self.is_whole(),
+            predicted_misfit: self.predicted_misfit,
+        }
+    }
+}
+
+/// Sum of squared differences over the measurements' variances.
+pub fn misfit(uncertainty_percent: &BTreeMap<String, f64>, measured: &Biomarkers, simulated: &Biomarkers) -> f64 {
+    let weights = Weights::of_uncertainty_percent(uncertainty_percent);
+    weights.misfit(&step1::biomarkers(measured), &step1::biomarkers(simulated))
+}
+
+/// The whole beat of lowest misfit; none without one.
+pub fn best(beats: &[Beat]) -> Option<usize> {
+    let whole = beats.iter().enumerate().filter(|(_, beat)| beat.is_whole());
+    let misfits = whole.filter_map(|(i, beat)| Some((i, beat.misfit?)));
+    misfits.min_by(|a, b| a.1.total_cmp(&b.1)).map(|(i, _)| i)
+}
+
+/// Whether another beat of a promised misfit is worth it.
+pub fn worth_it(beats: &[Beat], promised: f64) -> bool {
+    let Some(beat) = best(beats).map(|i| &beats[i]) else { return true };
+    let share = if is_personalised(beat) { PROMISED_SHARE } else { LEAST_SHARE };
+    beat.misfit.is_none_or(|misfit| promised < (1.0 - share) * misfit)
+}
+
+/// Whether the best beat meets the measurements to within their uncertainty, so that nothing is left to better.
+pub fn content(beats: &[Beat], n_measured: usize) -> bool {
+    let within = |beat: &Beat| beat.misfit.is_some_and(|misfit| misfit <= n_measured as f64);
+    best(beats).is_some_and(|i| is_personalised(&beats[i]) && within(&beats[i]))
+}
+
+fn is_personalised(beat: &Beat) -> bool {
+    beat.verdict.as_ref().is_some_and(|verdict| verdict.personalised)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn beat(whole: bool, misfit: f64, personalised: bool) -> Beat {
+        let verdict = Some(Verdict { personalised, off_percent: BTreeMap::new() });
+        let (parameters, biomarkers) = (BTreeMap::new(), Some(Biomarkers::default()));
+        let shut = (!whole).then(|| "aortic valve".to_owned());
+        Beat { parameters, biomarkers, shut, predicted_misfit: None, misfit: Some(misfit), verdict }
+    }
+
+    #[test]
+    fn the_best_beat_is_a_whole_one() {
+        assert_eq!(best(&[beat(true, 90.0, false), beat(false, 1.0, true), beat(true, 40.0, false)]), Some(2));
+        assert_eq!(best(&[beat(false, 1.0, false)]), None);
+    }
+
+    #[test]
+    fn a_personalised_beat_asks_for_a_larger_promise() {
+        assert!(worth_it(&[beat(true, 100.0, false)], 90.0));
+        assert!(!worth_it(&[beat(true, 100.0, true)], 90.0));
+        assert!(worth_it(&[beat(true, 100.0, true)], 70.0));
+        assert!(worth_it(&[], 1e9), "without any beat");
+    }
+
+    #[test]
+    fn a_beat_within_the_uncertainty_is_enough() {
+        assert!(content(&[beat(true, 6.9, true)], 7));
+        assert!(!content(&[beat(true, 7.1, true)], 7));
+        assert!(!content(&[beat(true, 1.0, false)], 7));
+    }
+}

@@ -1,0 +1,128 @@
+//! Settings of step 3, "in the organ": what may move, between which bounds, and how precisely biomarkers are to be met.
+
+use std::collections::BTreeMap;
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::biomarkers::Biomarkers;
+use crate::organ::{CELL_PARAMETERS, VALVE_PARAMETERS, ValveParameters, cell_default};
+use crate::task::MovedParameter;
+
+/// Step 3: parameters of the cell model and of the valves are moved until the organ with that cell meets the measured
+/// biomarkers.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct Step3Settings {
+    /// Largest number of simulations, besides the verification beat.
+    pub max_iterations: u32,
+    /// What may move: names of the cell's parameters and of the valves' (`R_AV_f_mmHg_s_per_mL`, `R_MV_f_mmHg_s_per_mL`).
+    /// Each needs bounds.
+    pub parameters: Vec<String>,
+    /// Bounds, lower and upper. The prior's standard deviation is a quarter of the interval of the logarithms.
+    pub bounds: BTreeMap<String, [f64; 2]>,
+    /// Standard deviation of each measured biomarker, percent of its value. One that is absent does not count.
+    pub uncertainty_percent: BTreeMap<String, f64>,
+}
+
+/// Quarters of an interval of logarithms that a standard deviation of the prior is.
+const DEVIATIONS_IN_BOUNDS: f64 = 4.0;
+
+impl Default for Step3Settings {
+    fn default() -> Self {
+        // Table A5, where it is not stated otherwise in docs/step3.md.
+        let bounds = [
+            ("k_TRPN_per_ms", [0.05, 0.4]),
+            ("n_TRPN", [1.0, 5.0]),
+            ("Ca50_ref_uM", [0.5, 2.0]),
+            ("k_U_per_ms", [0.1, 3.0]),
+            ("n_Tm", [3.0, 7.0]),
+            ("TRPN50", [0.2, 0.5]),
+            ("k_UW_per_ms", [0.026, 0.312]),
+            ("k_WS_per_ms", [0.004, 0.048]),
+            ("gamma_S_per_ms", [0.003, 0.03]),
+            ("phi", [1.0, 4.0]),
+            ("beta_1_uM", [-3.6, -1.2]),
+            ("Smax_ref_kPa", [60.0, 400.0]),
+            ("Ca_res_uM", [0.075, 0.225]),
+            ("Ca_max_uM", [0.3, 0.9]),
+            ("tau_CR_ms", [64.5, 192.5]),
+            ("tau_CD_ms", [64.0, 192.0]),
+            ("R_AV_f_mmHg_s_per_mL", [1e-3, 0.08]),
+            ("R_MV_f_mmHg_s_per_mL", [1e-3, 0.08]),
+        ];
+        Self {
+            max_iterations: 4,
+            parameters: bounds.iter().map(|(name, _)| (*name).to_owned()).collect(),
+            bounds: bounds.into_iter().map(|(name, range)| (name.to_owned(), range)).collect(),
+            uncertainty_percent: [
+                ("P_max_mmHg", 1.0),
+                ("dPdt_max_mmHg_per_ms", 3.0),
+                ("dPdt_min_mmHg_per_ms", 3.0),
+                ("PTD90_ms", 0.6),
+                ("tau_VD_ms", 10.0),
+                ("tau_VR_ms", 10.0),
+                ("SV_mL", 1.0),
+            ]
+            .map(|(name, percent)| (name.to_owned(), percent))
+            .into(),
+        }
+    }
+}
+
+impl Step3Settings {
+    /// What moves, around the values of the verification beat.
+    ///
+    /// - `cell`: step 2's cell, names that are absent have their default
+    #[must_use]
+    pub fn moved(
+        &self,
+        cell: Option<&BTreeMap<String, f64>>,
+        valves: &ValveParameters,
+    ) -> BTreeMap<String, MovedParameter> {
+        let mut valves = *valves;
+        let mut centre = |name: &str| {
+            let of_cell = || cell.and_then(|cell| cell.get(name).copied()).or_else(|| cell_default(name));
+            valves.named_mut(name).copied().or_else(of_cell)
+        };
+        let moved = |name: &String| -> Option<(String, MovedParameter)> {
+            let [lower, upper] = *self.bounds.get(name)?;
+            let log_sd = (upper / lower).ln().abs() / DEVIATIONS_IN_BOUNDS;
+            Some((name.clone(), MovedParameter { lower, upper, centre: centre(name)?, log_sd }))
+        };
+        self.parameters.iter().filter_map(moved).collect()
+    }
+}
+
+impl Step3Settings {
+    /// Measured biomarkers that count.
+    #[must_use]
+    pub fn n_measured(&self, measured: &Biomarkers) -> usize {
+        let counts =
+            |(name, value): &(&str, Option<f64>)| value.is_some() && self.uncertainty_percent.contains_key(*name);
+        measured.of_organ().iter().filter(|named| counts(named)).count()
+    }
+}
+
+/// Whether step 3 can move a parameter of this name.
+#[must_use]
+pub fn can_move(name: &str) -> bool {
+    // The passive stress of a 0D cell: the organ has its own.
+    name != "a_p_kPa" && (CELL_PARAMETERS.contains(&name) || VALVE_PARAMETERS.contains(&name))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn defaults_can_move_within_bounds_that_hold_the_models_defaults() {
+        let settings = Step3Settings::default();
+        let moved = settings.moved(None, &ValveParameters::default());
+        assert_eq!(moved.len(), settings.parameters.len());
+        for (name, p) in moved {
+            assert!(can_move(&name) && p.lower < p.upper && p.log_sd > 0.0, "{name}");
+            assert!(p.lower <= p.centre && p.centre <= p.upper && p.lower * p.upper > 0.0, "{name}: {p:?}");
+        }
+    }
+}

@@ -1,0 +1,95 @@
+//! Space mapping of step 1: its six parameters as logarithms within what hearts have.
+
+use super::{Nearness, Problem, Run, propose};
+use crate::Interval;
+use crate::fixed_point::{Biomarker, Biomarkers, Bounds, Outcome, PARAMETERS, Parameter, Parameters, Settings};
+use serde::{Deserialize, Serialize};
+
+const NEARNESS: Nearness = Nearness { at_first: 0.05, of_best: 0.005 };
+
+/// A simulation of step 1.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Step1Run {
+    /// What was simulated.
+    pub parameters: Parameters,
+    /// What came of it.
+    pub outcome: Outcome,
+    /// Misfit of the corrected cheap model there, where a proposal led to it.
+    pub predicted_misfit: Option<f64>,
+}
+
+/// Everything that a proposal of step 1 follows from.
+#[derive(Debug, Clone, Copy)]
+pub struct Step1Problem<'a> {
+    /// What is to be reached.
+    pub measured: &'a Biomarkers,
+    /// All runs, oldest first.
+    pub runs: &'a [Step1Run],
+    /// Initial guess: frozen parameters have its values.
+    pub initial: &'a Parameters,
+    /// Bounds, frozen parameters, weights of the biomarkers.
+    pub settings: &'a Settings,
+    /// As [`Problem::expected`].
+    pub expected: [f64; Biomarker::ALL.len()],
+    /// For the points from which searches start.
+    pub seed: u64,
+}
+
+/// Interval in which a proposal looks for a parameter, cut by the settings' bounds: what hearts have.
+#[must_use]
+pub fn plausible(parameter: Parameter) -> Bounds {
+    let (lower, upper) = match parameter {
+        Parameter::SmaxRef => (20.0, 600.0),
+        Parameter::TauSrRef => (0.3, 150.0),
+        Parameter::TauSd => (3.0, 300.0),
+        Parameter::TCr => (80.0, 700.0),
+        Parameter::RAvF => (1e-4, 0.1),
+        Parameter::RMvF => (1e-3, 0.3),
+    };
+    Bounds { lower, upper }
+}
+
+/// The next parameters of step 1, with the proposal that they are of; as [`propose`].
+pub fn propose_step1(
+    problem: &Step1Problem<'_>,
+    cheap: &dyn Fn(&Parameters) -> Outcome,
+) -> Option<(Parameters, super::Proposal)> {
+    // What no measured biomarker speaks of stays, as with the fixed point.
+    let moves = |p: &Parameter| !problem.settings.frozen.contains(p) && problem.measured.get(p.driver().0).is_some();
+    let moving: Vec<Parameter> = PARAMETERS.into_iter().filter(moves).collect();
+    let logarithms = |p: &Parameters| -> Vec<f64> { moving.iter().map(|parameter| p.get(*parameter).ln()).collect() };
+    let parameters = |x: &[f64]| {
+        let mut parameters = *problem.initial;
+        moving.iter().zip(x).for_each(|(parameter, x)| parameters.set(*parameter, x.exp()));
+        parameters
+    };
+    let run = |run: &Step1Run| Run {
+        x: logarithms(&run.parameters),
+        outcome: run.outcome,
+        predicted_misfit: run.predicted_misfit,
+    };
+    let runs: Vec<Run> = problem.runs.iter().map(run).collect();
+    let intervals: Vec<Interval> = moving.iter().map(|parameter| interval(*parameter, problem.settings)).collect();
+    let general = Problem {
+        measured: problem.measured,
+        weights: &problem.settings.weights,
+        runs: &runs,
+        start: &logarithms(&problem.settings.clamp(problem.initial)),
+        intervals: &intervals,
+        prior: &[],
+        nearness: NEARNESS,
+        expected: problem.expected,
+        seed: problem.seed,
+    };
+    let proposal = propose(&general, &|x| cheap(&parameters(x)))?;
+    Some((parameters(&proposal.x), proposal))
+}
+
+fn interval(parameter: Parameter, settings: &Settings) -> Interval {
+    let (inner, outer) = (plausible(parameter), settings.bounds_of(parameter));
+    let (mut lower, mut upper) = (inner.lower.max(outer.lower), inner.upper.min(outer.upper));
+    if lower > upper {
+        (lower, upper) = (outer.lower, outer.upper);
+    }
+    Interval::new(lower.ln(), upper.ln())
+}

@@ -1,0 +1,41 @@
+//! What to simulate next, by the one-fibre ventricle that stands for the simulated one.
+
+pub mod step1;
+pub mod step3;
+
+use cardiotwin_models::ventricle::OneFibrePassive;
+use cardiotwin_models::ventricle::passive_state::DEFAULT_EXPONENT;
+use cardiotwin_schemas::organ::{self, ActivationSpec, OrganSpec};
+use cardiotwin_schemas::settings::ActivationSettings;
+use cardiotwin_units::{Ml, Mmhg};
+
+use crate::error::TaskError;
+
+/// The one-fibre ventricle, or that of a finite-element one's volumes, pressure and activation.
+fn one_fibre(organ: &OrganSpec) -> Result<(organ::OneFibrePassive, ActivationSpec), TaskError> {
+    match organ {
+        OrganSpec::Reduced { passive, activation } => Ok((*passive, *activation)),
+        OrganSpec::External(organ) => Ok((organ.passive, organ.activation)),
+        OrganSpec::FiniteElement(organ) => {
+            let figures = &organ.figures;
+            let law = OneFibrePassive::through(
+                Ml(figures.unloaded_volume_ml),
+                Ml(figures.end_diastolic_volume_ml),
+                Mmhg(figures.end_diastolic_pressure_mmhg),
+                Ml(figures.wall_volume_ml),
+                DEFAULT_EXPONENT,
+            )
+            .map_err(TaskError::PassiveState)?;
+            let passive = organ::OneFibrePassive {
+                wall_volume_ml: figures.wall_volume_ml,
+                unloaded_volume_ml: figures.unloaded_volume_ml,
+                end_diastolic_volume_ml: figures.end_diastolic_volume_ml,
+                end_diastolic_pressure_mmhg: figures.end_diastolic_pressure_mmhg,
+                stiffness_kpa: law.stiffness.0,
+                exponent: law.exponent,
+            };
+            let groups = ActivationSettings::default().groups;
+            Ok((passive, ActivationSpec { spread_ms: figures.spread_ms, groups, onset_ms: figures.onset_ms }))
+        }
+    }
+}
