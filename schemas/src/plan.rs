@@ -160,21 +160,24 @@ impl ResolvedPatient {
     /// What to simulate next in step 3, by space mapping.
     ///
     /// - `beat`: the verification beat
+    /// - `lambda_max`: largest stretch of any node
     /// - `runs`: it and the beats of step 3 so far
     #[must_use]
     pub fn step3_proposal_spec(
         &self,
         step0: &PassiveStateResult,
         beat: OrganBeatSpec,
+        lambda_max: f64,
         runs: Vec<Step3Run>,
     ) -> Step3ProposalSpec {
         let Settings { solver, step3, .. } = &self.settings;
         let newton_iterations = solver.newton_iterations;
         Step3ProposalSpec {
-            parameters: step3.moved(beat.contraction.cell_parameters(), &beat.valves),
+            parameters: step3.moved(&beat.valves),
             beat: OrganBeatSpec { organ: step0.organ.clone(), newton_iterations, finite_element: None, ..beat },
             measured: step0.measured,
             runs,
+            lambda_max,
             uncertainty_percent: step3.uncertainty_percent.clone(),
             seed: PROPOSAL_SEED,
         }

@@ -295,6 +295,8 @@ pub struct Step3ProposalSpec {
     pub measured: Biomarkers,
     /// Beats so far, the verification beat first.
     pub runs: Vec<Step3Run>,
+    /// Largest stretch of any node: Ca50 stays above the resting calcium up to there.
+    pub lambda_max: f64,
     /// What may move, by name.
     pub parameters: BTreeMap<String, MovedParameter>,
     /// Standard deviation of each measured biomarker, percent of its value; one that is absent does not count.

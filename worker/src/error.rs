@@ -246,6 +246,10 @@ impl TaskError {
             | Self::Population(_)
             | Self::CalciumSamples(_)
             | Self::Engine(_) => FailureClass::Input,
+            // A fitted cell that the organ stretches too far says nothing of the patient's data.
+            Self::Organ(VentricleError::Contraction { source: ContractionError::Sensitivity { .. }, .. }) => {
+                FailureClass::Numerics
+            }
             Self::Organ(_) | Self::Contraction(_) | Self::Circulation(_) | Self::Effect(_) => FailureClass::Input,
             Self::Cell(error) => match error {
                 CellError::Parameter { .. } | CellError::Contraction(_) | CellError::Calcium(_) => FailureClass::Input,

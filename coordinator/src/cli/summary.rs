@@ -9,29 +9,46 @@ use crate::results::{Biomarker, MeanSd, PatientView, Step};
 const HEADINGS: [&str; 11] =
     ["PATIENT", "STEP", "RESULT", ">COST", ">P_max", ">dPdt_max", ">dPdt_min", ">PTD90", ">SV", ">OPEN mL", ">TIME"];
 
-/// Two rows a patient, then means of the absolute differences and the paper's.
+/// A row for each step of a patient, then means of the absolute differences and the paper's.
 #[must_use]
 pub fn table(run: &RunRecord, talk: &Talk) -> String {
     let mut table = Columns::new(talk, &HEADINGS);
     for patient in &run.patients {
         rows(patient).into_iter().for_each(|row| table.toned(row));
     }
+    let any_step3 = run.patients.iter().any(|patient| patient.step3.is_some());
     for (step, name, paper) in [
-        (Step::Step1, "step-1", Biomarker::PAPER_STEP1_PERCENT),
-        (Step::Step2, "step-2", Biomarker::PAPER_STEP2_PERCENT),
+        (Step::Step1, "step-1", Some(Biomarker::PAPER_STEP1_PERCENT)),
+        (Step::Step2, "step-2", Some(Biomarker::PAPER_STEP2_PERCENT)),
+        (Step::Step3, "step-3", None),
     ] {
-        let converged: Vec<&PatientRecord> =
-            run.patients.iter().filter(|patient| PatientView(patient).step1_converged()).collect();
+        if step == Step::Step3 && !any_step3 {
+            continue;
+        }
+        // Step 3 answers for every patient that it ended with; the paper's means are of those that converged.
+        let counts = |patient: &&PatientRecord| match step {
+            Step::Step3 => patient.step3.is_some(),
+            _ => PatientView(patient).step1_converged(),
+        };
+        let converged: Vec<&PatientRecord> = run.patients.iter().filter(counts).collect();
         let mean = |biomarker: Biomarker| {
             let values = converged.iter().map(|p| PatientView(p).relative_difference(step, biomarker).map(f64::abs));
             MeanSd::of(values).map_or("-".to_owned(), |mean| format!("{:.1} %", 100.0 * mean.mean))
         };
-        let mut row = vec!["mean".to_owned(), name.to_owned(), format!("of {} converged, absolute", converged.len())];
+        let mut row = vec![
+            "mean".to_owned(),
+            name.to_owned(),
+            match step {
+                Step::Step3 => format!("of {}, absolute", converged.len()),
+                _ => format!("of {} converged, absolute", converged.len()),
+            },
+        ];
         row.push(String::new());
         row.extend(Biomarker::TABLE_2.map(mean));
         let open = converged.iter().map(|p| Biomarker::EndOfBeatGap.of(PatientView(p).simulated(step)?));
         row.push(MeanSd::of(open).map_or("-".to_owned(), |mean| format!("{:.1}", mean.mean)));
         table.row(row);
+        let Some(paper) = paper else { continue };
         let mut row = vec!["paper".to_owned(), name.to_owned(), "Jung et al. 2022".to_owned(), String::new()];
         row.extend(paper.map(|value| format!("{value:.1} %")));
         table.row(row);
@@ -40,7 +57,8 @@ pub fn table(run: &RunRecord, talk: &Talk) -> String {
     text.push_str(&verdicts(run));
     text.push_str(
         "differences (simulated - measured) / measured; OPEN: volume that the beat's end leaves open;\n\
-         COST: step 1's sum of squares at the organ, step 2's weighted misfit at the cell\n",
+         COST: step 1's sum of squares at the organ, step 2's weighted misfit at the cell,\n\
+         step 3's squared differences over the measurements' variances\n",
     );
     text
 }
@@ -76,7 +94,7 @@ pub fn line(patient: &PatientRecord) -> String {
     if let Some(fit) = &patient.cell_fit {
         parts.push(format!("step 2 cost {}", number(fit.result.cost)));
     }
-    for (step, name) in [(Step::Step1, "step 1"), (Step::Step2, "step 2")] {
+    for (step, name) in [(Step::Step1, "step 1"), (Step::Step2, "step 2"), (Step::Step3, "step 3")] {
         if view.simulated(step).is_none() {
             continue;
         }
@@ -94,7 +112,7 @@ fn short(biomarker: Biomarker) -> &'static str {
     ["_mmHg_per_ms", "_mmHg", "_ms", "_mL"].iter().find_map(|unit| key.strip_suffix(unit)).unwrap_or(key)
 }
 
-fn rows(patient: &PatientRecord) -> [Vec<(String, Option<Tone>)>; 2] {
+fn rows(patient: &PatientRecord) -> Vec<Vec<(String, Option<Tone>)>> {
     let view = PatientView(patient);
     let mut first = vec![(patient.plan.id.to_string(), None), ("step-1".to_owned(), None)];
     match (&patient.step1, &patient.failure) {
@@ -128,14 +146,27 @@ fn rows(patient: &PatientRecord) -> [Vec<(String, Option<Tone>)>; 2] {
             second.push(("-".to_owned(), None));
         }
     }
-    for (row, step) in [(&mut first, Step::Step1), (&mut second, Step::Step2)] {
-        row.extend(Biomarker::TABLE_2.map(|b| (percent(view.relative_difference(step, b)), None)));
-        let open = view.simulated(step).and_then(|b| Biomarker::EndOfBeatGap.of(b));
+    let mut rows = vec![(first, Step::Step1), (second, Step::Step2)];
+    if let Some(step3) = &patient.step3 {
+        let tone = if patient.verdict.as_ref().is_some_and(|v| v.personalised) { Tone::Good } else { Tone::Doubtful };
+        let taken = match step3.best_iteration {
+            0 => "verification beat kept".to_owned(),
+            best => format!("beat {best} of {}", patient.step3_iterations.len()),
+        };
+        let third =
+            [(String::new(), None), ("step-3".to_owned(), None), (taken, Some(tone)), (number(step3.misfit), None)];
+        rows.push((third.into(), Step::Step3));
+    }
+    for (row, step) in &mut rows {
+        row.extend(Biomarker::TABLE_2.map(|b| (percent(view.relative_difference(*step, b)), None)));
+        let open = view.simulated(*step).and_then(|b| Biomarker::EndOfBeatGap.of(b));
         row.push((open.map_or("-".to_owned(), |open| format!("{open:.1}")), None));
     }
-    first.push((String::new(), None));
     let walls_s: Vec<f64> = view.tasks().iter().map(|(.., provenance)| provenance.wall_s).collect();
     let time = if walls_s.is_empty() { "-".to_owned() } else { duration(walls_s.iter().sum()) };
-    second.push((time, None));
-    [first, second]
+    let n = rows.len();
+    for (i, (row, _)) in rows.iter_mut().enumerate() {
+        row.push((if i + 1 == n { time.clone() } else { String::new() }, None));
+    }
+    rows.into_iter().map(|(row, _)| row).collect()
 }

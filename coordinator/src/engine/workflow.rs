@@ -140,13 +140,14 @@ impl<'a> Derivation<'a, '_> {
         let parameters = summary.parameters;
         self.chain.step1 = Some(summary);
         let (targets, calcium) = self.targets(&best)?;
+        let lambda_max = targets.lambda_max;
         let fit = self.step2(targets, calcium.clone())?;
         if self.plan.settings.verification.enabled {
             let contraction = step2::contraction(self.plan, fit, calcium);
             let beat = self.cell_beat(&step0, contraction, parameters.valves);
             let verified = self.verification(&step0, &beat)?;
             if self.plan.settings.workflow.until == LastStep::Step3 {
-                self.step3(&step0, &beat, verified)?;
+                self.step3(&step0, &beat, lambda_max, verified)?;
             }
         }
         Ok(())
@@ -441,7 +442,7 @@ impl<'a> Derivation<'a, '_> {
 
     fn verification(&mut self, step0: &PassiveStateResult, spec: &OrganBeatSpec) -> Derived<step3::Beat> {
         let step = Step::only(Stage::Verification);
-        let moved = self.moved(spec);
+        let moved = self.plan.settings.step3.values(spec.contraction.cell_parameters(), &spec.valves);
         let (key, beat) = self.beat_with_cell(step, spec.clone(), moved.clone(), &step0.measured)?;
         let is_last = self.plan.settings.workflow.until == LastStep::Step2Verification;
         let beat = match beat {
@@ -459,13 +460,13 @@ impl<'a> Derivation<'a, '_> {
         Ok(beat)
     }
 
-    /// What step 3 may move, with the values of a beat.
-    fn moved(&self, spec: &OrganBeatSpec) -> BTreeMap<String, f64> {
-        let moved = self.plan.settings.step3.moved(spec.contraction.cell_parameters(), &spec.valves);
-        moved.into_iter().map(|(name, moved)| (name, moved.centre)).collect()
-    }
-
-    fn step3(&mut self, step0: &PassiveStateResult, beat: &OrganBeatSpec, verified: step3::Beat) -> Derived<()> {
+    fn step3(
+        &mut self,
+        step0: &PassiveStateResult,
+        beat: &OrganBeatSpec,
+        lambda_max: f64,
+        verified: step3::Beat,
+    ) -> Derived<()> {
         let settings = &self.plan.settings.step3;
         let measured = &step0.measured;
         let mut beats = vec![verified];
@@ -477,7 +478,7 @@ impl<'a> Derivation<'a, '_> {
             if number > settings.max_iterations {
                 break Step3Ending::IterationLimit;
             }
-            let Some((parameters, promised)) = self.step3_proposal(number, step0, beat, &beats)? else {
+            let Some((parameters, promised)) = self.step3_proposal(step0, beat, lambda_max, &beats)? else {
                 break Step3Ending::NoPromise;
             };
             if !step3::worth_it(&beats, promised) {
@@ -518,14 +519,15 @@ impl<'a> Derivation<'a, '_> {
     /// The next parameters of step 3 with the misfit that they promise; none if nothing is left to try.
     fn step3_proposal(
         &mut self,
-        number: u32,
         step0: &PassiveStateResult,
         beat: &OrganBeatSpec,
+        lambda_max: f64,
         beats: &[step3::Beat],
     ) -> Derived<Option<(BTreeMap<String, f64>, f64)>> {
+        let number = beats.len() as u32;
         let step = Step { stage: Stage::Step3Proposal, number };
         let runs = beats.iter().map(step3::Beat::told).collect();
-        let spec = self.plan.step3_proposal_spec(step0, beat.clone(), runs);
+        let spec = self.plan.step3_proposal_spec(step0, beat.clone(), lambda_max, runs);
         let done = match self.result(step, TaskSpec::Step3Proposal(Box::new(spec))) {
             Ok(done) => done,
             Err(Next::Failed { failure, .. }) if failure.class == FailureClass::Numerics => return Ok(None),

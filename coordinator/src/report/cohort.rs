@@ -133,6 +133,9 @@ pub fn against_the_paper(run: &RunRecord) -> Markup {
         div.figures.wide {
             figure { figcaption { b { "Step 1" } span.quiet { ", iterate taken" } } (strip(patients, Step::Step1, &Biomarker::PAPER_STEP1_PERCENT)) }
             figure { figcaption { b { "Step 2" } span.quiet { ", verification beat" } } (strip(patients, Step::Step2, &Biomarker::PAPER_STEP2_PERCENT)) }
+            @if n(Step::Step3) > 0 {
+                figure { figcaption { b { "Step 3" } span.quiet { ", beat taken; the paper has no step 3" } } (strip(patients, Step::Step3, &[])) }
+            }
         }
         (legend_of_strips())
         (scrolling(&html! {
@@ -146,6 +149,7 @@ pub fn against_the_paper(run: &RunRecord) -> Markup {
                     th scope="col" { "paper, step 1" br; span.quiet { "n = 7" } }
                     th scope="col" { "step 2" br; span.quiet { "n = " (n(Step::Step2)) } }
                     th scope="col" { "paper, step 2" br; span.quiet { "n = 7" } }
+                    @if n(Step::Step3) > 0 { th scope="col" { "step 3" br; span.quiet { "n = " (n(Step::Step3)) } } }
                 } }
                 tbody {
                     @for (i, b) in Biomarker::TABLE_2.into_iter().enumerate() {
@@ -158,6 +162,7 @@ pub fn against_the_paper(run: &RunRecord) -> Markup {
                             td.num { (fixed(Some(paper1), 1)) }
                             (judged(mean_error(patients, Step::Step2, b, false), paper2))
                             td.num { (fixed(Some(paper2), 1)) }
+                            @if n(Step::Step3) > 0 { (mean_sd(mean_error(patients, Step::Step3, b, false))) }
                         }
                     }
                     tr {
@@ -166,6 +171,7 @@ pub fn against_the_paper(run: &RunRecord) -> Markup {
                             .map(|v| v.simulated(step).and_then(|b| b.end_of_beat_gap_ml)));
                         (mean_sd(gap(Step::Step1, false))) (mean_sd(gap(Step::Step1, true))) (mean_sd(gap(Step::Step1FirstConverged, false)))
                         td.num { "\u{2013}" } (mean_sd(gap(Step::Step2, false))) td.num { "\u{2013}" }
+                        @if n(Step::Step3) > 0 { (mean_sd(gap(Step::Step3, false))) }
                     }
                 }
             }
@@ -199,8 +205,12 @@ fn spread_out<'a>(found: &[(&'a PatientRecord, f64)], n: usize) -> Vec<(&'a Pati
 }
 
 /// A dot per patient and biomarker, the means as bars.
-fn strip(patients: &[PatientRecord], step: Step, paper: &[f64; 5]) -> Markup {
-    let class = if step == Step::Step2 { Source::Step2.name() } else { Source::Step1.name() };
+fn strip(patients: &[PatientRecord], step: Step, paper: &[f64]) -> Markup {
+    let class = match step {
+        Step::Step1 | Step::Step1FirstConverged => Source::Step1.name(),
+        Step::Step2 => Source::Step2.name(),
+        Step::Step3 => Source::Step3.name(),
+    };
     let error = |p: &PatientRecord, b| PatientView(p).relative_difference(step, b).map(|d| 100.0 * d.abs());
     let all = patients.iter().flat_map(|p| Biomarker::TABLE_2.into_iter().filter_map(move |b| error(p, b)));
     let Some(scale) = Scale::linear(all.chain(paper.iter().copied()), true) else {
@@ -231,7 +241,9 @@ fn strip(patients: &[PatientRecord], step: Step, paper: &[f64; 5]) -> Markup {
             class,
             label,
         };
-        chart.marks.push(bar(paper[k], "paper", None));
+        if let Some(paper) = paper.get(k) {
+            chart.marks.push(bar(*paper, "paper", None));
+        }
         if let Some(mean) = MeanSd::of(found.iter().map(|f| Some(f.1))) {
             chart.marks.push(bar(mean.mean, "cohort", None));
         }
@@ -314,6 +326,8 @@ fn columns() -> Vec<Column> {
     all.push(gap("step 2", Step::Step2));
     let organ = "cost of the verification beat by step 1's formula";
     all.push(column("step 2", html! { "organ" br; "cost" }, organ, Show::Cost, Box::new(|v| v.0.verification_cost)));
+    all.extend(errors("step 3", Step::Step3));
+    all.push(gap("step 3", Step::Step3));
     all.push(column("", html! { "time" }, "wall time of all tasks", Show::Time, Box::new(|v| v.wall_s())));
     all
 }
@@ -419,7 +433,7 @@ pub fn table(run: &RunRecord, link: Link) -> Markup {
 pub fn small_multiples(tiles: &[(String, String, Markup)], left_out: usize) -> Markup {
     html! {
         h2 id="pressures" { "Pressure at a glance" }
-        (legend(&[(Source::Measured.name(), "measured".into()), (Source::Step1.name(), "step 1".into()), (Source::Step2.name(), "step 2".into())]))
+        (legend(&[(Source::Measured.name(), "measured".into()), (Source::Step1.name(), "step 1".into()), (Source::Step2.name(), "step 2".into()), (Source::Step3.name(), "step 3".into())]))
         p.quiet {
             "mmHg over ms, one pressure axis for all."
             @if left_out > 0 { " Failed patients and the largest costs of step 1 first; " (left_out) " more are on their own pages." }

@@ -9,7 +9,7 @@ use super::plot::{Axis, Chart, Mark, Reading, Scale, Series, SvgText};
 use crate::results::{Biomarker, PatientView, SignalKind, Signals, Source, Step};
 
 /// Order in which lines are drawn, the measured one on top.
-const SOURCES: [Source; 3] = [Source::Step2, Source::Step1, Source::Measured];
+const SOURCES: [Source; 4] = [Source::Step2, Source::Step1, Source::Step3, Source::Measured];
 
 /// Name of a source's line.
 #[must_use]
@@ -21,6 +21,10 @@ pub fn line_name(source: Source, patient: &PatientRecord) -> String {
             None => "step 1".to_owned(),
         },
         Source::Step2 => "step 2".to_owned(),
+        Source::Step3 => match &patient.step3 {
+            Some(step3) => format!("step 3, beat {}", step3.best_iteration),
+            None => "step 3".to_owned(),
+        },
     }
 }
 
@@ -100,6 +104,7 @@ fn time_points(patient: &PatientRecord, source: Source) -> Option<TimePoints> {
         Source::Measured => patient.step0.as_ref().map(|r| r.result.time_points),
         Source::Step1 => view.beat(Step::Step1).map(|r| r.result.time_points),
         Source::Step2 => view.beat(Step::Step2).map(|r| r.result.time_points),
+        Source::Step3 => view.step3_beat().map(|r| r.result.time_points),
     }
 }
 
@@ -185,7 +190,7 @@ pub fn volume(patient: &PatientRecord, signals: &Signals) -> Option<Chart> {
 #[must_use]
 pub fn gap_words(patient: &PatientRecord) -> Option<String> {
     let gap = |step| PatientView(patient).simulated(step).and_then(|b| b.end_of_beat_gap_ml);
-    let words: Vec<String> = [("step 1", gap(Step::Step1)), ("step 2", gap(Step::Step2))]
+    let words: Vec<String> = [("step 1", gap(Step::Step1)), ("step 2", gap(Step::Step2)), ("step 3", gap(Step::Step3))]
         .into_iter()
         .filter_map(|(name, gap)| gap.map(|gap| format!("{name} {} mL", fixed(Some(gap), 1))))
         .collect();
@@ -239,7 +244,7 @@ pub fn flows(patient: &PatientRecord, signals: &Signals) -> Option<Chart> {
     let values = signals.all.iter().filter(|s| kinds.contains(&s.kind)).flat_map(|s| s.points.iter().map(|p| p.1));
     let y = Axis::new("flow (mL/s)", "mL/s", Scale::linear(values, true)?);
     let mut chart = Chart::new(format!("valve flows of {} over time", patient.plan.id), time_axis(patient), y);
-    for source in [Source::Step2, Source::Step1] {
+    for source in [Source::Step2, Source::Step1, Source::Step3] {
         for kind in kinds {
             if let Some(points) = signals.get(source, kind) {
                 let valve = if kind == SignalKind::AorticFlow { "aortic valve" } else { "mitral valve" };
@@ -303,7 +308,7 @@ pub fn small_pressure(patient: &PatientRecord, signals: &Signals, top: f64) -> O
 #[must_use]
 pub fn top_pressure(patient: &PatientRecord) -> f64 {
     let view = PatientView(patient);
-    [Some(view.measured()), view.simulated(Step::Step1), view.simulated(Step::Step2)]
+    [Some(view.measured()), view.simulated(Step::Step1), view.simulated(Step::Step2), view.simulated(Step::Step3)]
         .into_iter()
         .flatten()
         .filter_map(|b| Biomarker::PMax.of(b))

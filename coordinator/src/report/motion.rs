@@ -12,7 +12,11 @@ use crate::results::{PatientView, Step};
 #[must_use]
 pub fn table(patient: &PatientRecord) -> Option<Markup> {
     let view = PatientView(patient);
-    let beats = [Step::Step1, Step::Step2].map(|step| view.beat(step).and_then(|beat| beat.result.motion));
+    let mut steps = vec![(Step::Step1, "step 1"), (Step::Step2, "step 2")];
+    if patient.step3.is_some() {
+        steps.push((Step::Step3, "step 3"));
+    }
+    let beats: Vec<_> = steps.iter().map(|(step, _)| view.beat(*step).and_then(|beat| beat.result.motion)).collect();
     if beats.iter().all(Option::is_none) {
         return None;
     }
@@ -21,7 +25,7 @@ pub fn table(patient: &PatientRecord) -> Option<Markup> {
             caption { "Motion" span.quiet { ", against the normal range" } }
             thead { tr {
                 th scope="col" { "" } th.unit scope="col" { "unit" }
-                th scope="col" { "step 1" } th scope="col" { "" } th scope="col" { "step 2" } th scope="col" { "" }
+                @for (_, name) in &steps { th scope="col" { (name) } th scope="col" { "" } }
                 th scope="col" { "normal" } th scope="col" { "source" }
             } }
             tbody {

@@ -1,6 +1,6 @@
 //! A patient's section.
 
-use cardiotwin_schemas::record::{PatientRecord, StallReason, Step1Quality};
+use cardiotwin_schemas::record::{PatientRecord, StallReason, Step1Quality, Step3Ending};
 use maud::{Markup, html};
 
 use super::convergence;
@@ -95,6 +95,16 @@ fn summary(patient: &PatientRecord) -> Markup {
                 }
                 "."
             }
+            @if let Some(step3) = &patient.step3 {
+                " Step 3 " (match step3.best_iteration {
+                    0 => "kept the verification beat".to_owned(),
+                    best => format!("took beat {best} of {}", patient.step3_iterations.len()),
+                }) ", since " (match step3.ending {
+                    Step3Ending::WithinUncertainty => "it meets the measurements within their uncertainty",
+                    Step3Ending::NoPromise => "no other cell promised enough",
+                    Step3Ending::IterationLimit => "the limit of beats was reached",
+                }) ": " (errors(Step::Step3)) "."
+            }
         }
     }
 }
@@ -165,8 +175,10 @@ fn flags(patient: &PatientRecord, signals: &Signals) -> Markup {
             ));
         }
     }
-    for (what, step) in [("step 1", Step::Step1), ("verification", Step::Step2)] {
-        if let Some(beat) = view.beat(step) {
+    let beats =
+        [("step 1", view.beat(Step::Step1)), ("verification", view.beat(Step::Step2)), ("step 3", view.step3_beat())];
+    for (what, beat) in beats {
+        if let Some(beat) = beat {
             notes.extend(tables::failed_checks(what, &beat.result).into_iter().map(|m| ("bad", m)));
             notes.extend(beat.result.remarks.iter().map(|r| ("quiet", html! { b { (what) ": " } (r) })));
         }
@@ -203,7 +215,7 @@ fn flags(patient: &PatientRecord, signals: &Signals) -> Markup {
 }
 
 fn beat(patient: &PatientRecord, signals: &Signals) -> Markup {
-    let drawn: Vec<_> = [Source::Measured, Source::Step1, Source::Step2]
+    let drawn: Vec<_> = [Source::Measured, Source::Step1, Source::Step2, Source::Step3]
         .into_iter()
         .filter(|s| signals.get(*s, SignalKind::Pressure).or(signals.get(*s, SignalKind::Volume)).is_some())
         .map(|s| (s.name(), line_name(s, patient)))

@@ -39,32 +39,37 @@ fn difference(share: Option<f64>) -> Markup {
     html! { td class=(class) { (percent(share)) } }
 }
 
-/// Biomarkers: measured, step 1, step 2.
+/// Biomarkers: measured, and each step's.
 #[must_use]
 pub fn biomarkers(patient: &PatientRecord) -> Markup {
     let view = PatientView(patient);
-    let (measured, step1, step2) = (view.measured(), view.simulated(Step::Step1), view.simulated(Step::Step2));
+    let measured = view.measured();
+    let mut steps = vec![(Step::Step1, "step 1"), (Step::Step2, "step 2")];
+    if patient.step3.is_some() {
+        steps.push((Step::Step3, "step 3"));
+    }
     let rows = Biomarker::ALL.into_iter().filter_map(|b| {
-        let values = [b.of(measured), step1.and_then(|s| b.of(s)), step2.and_then(|s| b.of(s))];
-        values.iter().any(Option::is_some).then_some((b, values))
+        let simulated: Vec<_> = steps.iter().map(|(step, _)| view.simulated(*step).and_then(|s| b.of(s))).collect();
+        let measured = b.of(measured);
+        (measured.is_some() || simulated.iter().any(Option::is_some)).then_some((b, measured, simulated))
     });
     scrolling(&html! {
         table {
             caption { "Biomarkers" }
             thead { tr {
                 th scope="col" { "" } th.unit scope="col" { "unit" }
-                th scope="col" { "measured" } th scope="col" { "step 1" } th scope="col" { "difference, %" }
-                th scope="col" { "step 2" } th scope="col" { "difference, %" }
+                th scope="col" { "measured" }
+                @for (_, name) in &steps { th scope="col" { (name) } th scope="col" { "difference, %" } }
             } }
             tbody {
-                @for (b, [measured, step1, step2]) in rows {
+                @for (b, measured, simulated) in rows {
                     tr {
                         th scope="row" { (symbol(b.key())) } (unit(b.key()))
                         td.num { (digits(b, measured)) }
-                        td.num { (digits(b, step1)) }
-                        (difference(step1.zip(measured).and_then(|(s, m)| relative_difference(s, m))))
-                        td.num { (digits(b, step2)) }
-                        (difference(step2.zip(measured).and_then(|(s, m)| relative_difference(s, m))))
+                        @for value in simulated {
+                            td.num { (digits(b, value)) }
+                            (difference(value.zip(measured).and_then(|(s, m)| relative_difference(s, m))))
+                        }
                     }
                 }
             }

@@ -14,6 +14,8 @@ pub enum Step {
     Step1FirstConverged,
     /// The verification beat.
     Step2,
+    /// The beat that step 3 took: the verification beat where it found no better one.
+    Step3,
 }
 
 macro_rules! biomarkers {
@@ -156,6 +158,7 @@ impl<'a> PatientView<'a> {
                 self.0.iterations.iter().find(|i| i.number == first)?.run.as_ref()
             }
             Step::Step2 => self.0.verification.as_ref(),
+            Step::Step3 => self.0.step3.as_ref().and_then(|_| self.0.twin()),
         }
     }
 
@@ -175,6 +178,12 @@ impl<'a> PatientView<'a> {
     #[must_use]
     pub fn relative_difference(self, step: Step, biomarker: Biomarker) -> Option<f64> {
         relative_difference(biomarker.of(self.simulated(step)?)?, biomarker.of(self.measured())?)
+    }
+
+    /// The beat that step 3 took, where that is not the verification beat.
+    #[must_use]
+    pub fn step3_beat(self) -> Option<&'a TaskRecord<OrganBeatResult>> {
+        self.beat(Step::Step3).filter(|_| self.0.step3.as_ref().is_some_and(|step3| step3.best_iteration > 0))
     }
 
     /// Whether step 1's result is within the tolerance.
@@ -197,6 +206,9 @@ impl<'a> PatientView<'a> {
         tasks.extend(self.0.targets.as_ref().map(|r| entry("targets", r)));
         tasks.extend(self.0.cell_fit.as_ref().map(|r| entry("step 2", r)));
         tasks.extend(self.0.verification.as_ref().map(|r| entry("verification", r)));
+        for iteration in &self.0.step3_iterations {
+            tasks.extend(iteration.run.as_ref().map(|r| entry(&format!("step 3, iteration {}", iteration.number), r)));
+        }
         tasks
     }
 

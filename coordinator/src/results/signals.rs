@@ -16,6 +16,8 @@ pub enum Source {
     Step1,
     /// Step 2: the verification beat (active stress, calcium, stretch: the fitted cell).
     Step2,
+    /// Step 3: the beat that was taken, where that is not the verification beat.
+    Step3,
 }
 
 impl Source {
@@ -26,6 +28,7 @@ impl Source {
             Self::Measured => "measured",
             Self::Step1 => "step1",
             Self::Step2 => "step2",
+            Self::Step3 => "step3",
         }
     }
 }
@@ -120,6 +123,7 @@ impl Signals {
         let parts = [
             (Source::Step1, step1, &BEAT[..]),
             (Source::Step2, patient.verification.as_ref().and_then(|r| r.artefact("traces")), &BEAT[..]),
+            (Source::Step3, PatientView(patient).step3_beat().and_then(|r| r.artefact("traces")), &BEAT[..]),
             (Source::Step1, patient.targets.as_ref().and_then(|r| r.artefact("median")), &CELL[..]),
             (Source::Step2, patient.cell_fit.as_ref().and_then(|r| r.artefact("cell")), &CELL[..]),
         ];

@@ -8,9 +8,6 @@ use crate::{Interval, IntervalError};
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
-/// Step of a difference over the width of the parameter's interval.
-const DIFFERENCE_STEP: f64 = 1e-5;
-
 /// Tolerances and limits.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -21,11 +18,13 @@ pub struct Settings {
     pub step_tolerance: f64,
     /// Largest number of steps, refused ones included.
     pub max_steps: usize,
+    /// Step of a difference over the width of the parameter's interval: above the roughness of the residuals.
+    pub difference_step: f64,
 }
 
 impl Default for Settings {
     fn default() -> Self {
-        Self { cost_tolerance: 1e-12, step_tolerance: 1e-10, max_steps: 200 }
+        Self { cost_tolerance: 1e-12, step_tolerance: 1e-10, max_steps: 200, difference_step: 1e-5 }
     }
 }
 
@@ -120,7 +119,7 @@ pub fn fit(
     if !cost.is_finite() {
         return Err(LeastSquaresError::StartNotFinite { start: x });
     }
-    let mut jacobian = differences(&evaluate, &x, &r, bounds);
+    let mut jacobian = differences(&evaluate, &x, &r, bounds, settings.difference_step);
     let (mut damping, mut growth) = (1e-3, 2.0);
     let mut converged = false;
     for _ in 0..settings.max_steps {
@@ -148,7 +147,7 @@ pub fn fit(
             (x, r) = (trial, trial_r);
             converged = fall <= settings.cost_tolerance * cost || moves <= settings.step_tolerance;
             cost = trial_cost;
-            jacobian = differences(&evaluate, &x, &r, bounds);
+            jacobian = differences(&evaluate, &x, &r, bounds, settings.difference_step);
         } else {
             converged = moves <= settings.step_tolerance;
             damping *= growth;
@@ -200,10 +199,11 @@ fn differences(
     x: &[f64],
     r: &DVector<f64>,
     bounds: &[Interval],
+    difference_step: f64,
 ) -> DMatrix<f64> {
     let mut jacobian = DMatrix::zeros(r.len(), x.len());
     for (i, interval) in bounds.iter().enumerate().filter(|(_, b)| b.width() > 0.0) {
-        let h = DIFFERENCE_STEP * interval.width();
+        let h = difference_step * interval.width();
         let at = |value: f64| {
             let mut point = x.to_vec();
             point[i] = value;

@@ -142,7 +142,7 @@ fn quantities(patient: &PatientRecord) -> (String, Vec<Group>) {
         one("step-2 cost", patient.cell_fit.as_ref().map(|fit| fit.result.cost)),
         one("verification cost", patient.verification_cost),
     ];
-    for (step, name) in [(Step::Step1, "step-1"), (Step::Step2, "step-2")] {
+    for (step, name) in [(Step::Step1, "step-1"), (Step::Step2, "step-2"), (Step::Step3, "step-3")] {
         let values = view.simulated(step);
         let named = Biomarker::ALL.iter().filter_map(|b| Some((b.key().to_owned(), b.of(values?)?)));
         groups.push((name.to_owned(), named.collect()));

@@ -104,7 +104,7 @@ pub async fn execute(args: &ExportArgs, talk: &Talk) -> Result<Exit, CliError> {
 /// Asks the worker, who knows meshes, for a patient's files; none where nothing was simulated.
 fn opencarp(patient: &PatientRecord, worker: &Path, out: &Path) -> Result<Vec<PathBuf>, CliError> {
     let best = PatientView(patient).best_iteration().and_then(|iteration| iteration.run.as_ref());
-    let beats = [best, patient.verification.as_ref()];
+    let beats = [best, patient.verification.as_ref(), PatientView(patient).step3_beat()];
     let specs: Vec<PathBuf> = beats.into_iter().flatten().map(|task| task.directory.join("spec.json")).collect();
     if specs.is_empty() {
         return Ok(Vec::new());

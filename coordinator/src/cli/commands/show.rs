@@ -52,6 +52,7 @@ pub async fn execute(args: &ShowArgs, talk: &Talk) -> Result<Exit, CliError> {
         biomarkers(&record, talk),
         motion(&record, talk),
         iterations(&record, talk),
+        step3(&record, talk),
         cell(&record, talk),
         estimates(&record, talk),
         files(&record, talk),
@@ -111,11 +112,16 @@ fn biomarkers(record: &PatientRecord, talk: &Talk) -> String {
     if record.step0.is_none() {
         return String::new();
     }
-    let headings = ["BIOMARKER", ">MEASURED", ">STEP 1", ">DIFFERENCE", ">STEP 2", ">DIFFERENCE"];
+    let mut headings = vec!["BIOMARKER", ">MEASURED", ">STEP 1", ">DIFFERENCE", ">STEP 2", ">DIFFERENCE"];
+    let mut steps = vec![Step::Step1, Step::Step2];
+    if record.step3.is_some() {
+        headings.extend([">STEP 3", ">DIFFERENCE"]);
+        steps.push(Step::Step3);
+    }
     let mut table = Columns::new(talk, &headings);
     for biomarker in Biomarker::ALL {
         let mut row = vec![biomarker.key().to_owned(), optional(biomarker.of(view.measured()))];
-        for step in [Step::Step1, Step::Step2] {
+        for &step in &steps {
             row.push(optional(view.simulated(step).and_then(|values| biomarker.of(values))));
             row.push(percent(view.relative_difference(step, biomarker)));
         }
@@ -129,11 +135,18 @@ fn biomarkers(record: &PatientRecord, talk: &Talk) -> String {
 /// How the finite-element ventricle moved, beside the normal range and a mark.
 fn motion(record: &PatientRecord, talk: &Talk) -> String {
     let view = PatientView(record);
-    let beats = [Step::Step1, Step::Step2].map(|step| view.beat(step).and_then(|beat| beat.result.motion));
+    let mut steps = vec![(Step::Step1, ">STEP 1"), (Step::Step2, ">STEP 2")];
+    if record.step3.is_some() {
+        steps.push((Step::Step3, ">STEP 3"));
+    }
+    let beats: Vec<_> = steps.iter().map(|(step, _)| view.beat(*step).and_then(|beat| beat.result.motion)).collect();
     if beats.iter().all(Option::is_none) {
         return String::new();
     }
-    let mut table = Columns::new(talk, &["MOTION", "UNIT", ">STEP 1", "", ">STEP 2", "", "NORMAL", "SOURCE"]);
+    let mut headings = vec!["MOTION", "UNIT"];
+    headings.extend(steps.iter().flat_map(|(_, name)| [*name, ""]));
+    headings.extend(["NORMAL", "SOURCE"]);
+    let mut table = Columns::new(talk, &headings);
     for measure in MOTION {
         let mut row = vec![(measure.name.to_owned(), None), (measure.unit.to_owned(), None)];
         for beat in &beats {
@@ -274,7 +287,33 @@ fn files(record: &PatientRecord, talk: &Talk) -> String {
     if let Some(task) = &record.verification {
         row("verification".to_owned(), &task.directory);
     }
+    if let (Some(task), Some(step3)) = (PatientView(record).step3_beat(), &record.step3) {
+        row(format!("step-3 iteration {}", step3.best_iteration), &task.directory);
+    }
     if n_rows == 0 { String::new() } else { table.text() }
+}
+
+/// Step 3's parameters: their bounds, the verification beat's values and those of each beat.
+fn step3(record: &PatientRecord, talk: &Talk) -> String {
+    let Some(step3) = &record.step3 else { return String::new() };
+    let mut headings = vec!["STEP 3".to_owned(), ">LOWER".to_owned(), ">UPPER".to_owned()];
+    headings.extend(record.step3_iterations.iter().map(|iteration| {
+        let taken = if iteration.number == step3.best_iteration { " (taken)" } else { "" };
+        format!(">BEAT {}{taken}", iteration.number)
+    }));
+    let headings: Vec<&str> = headings.iter().map(String::as_str).collect();
+    let mut table = Columns::new(talk, &headings);
+    for name in &record.plan.settings.step3.parameters {
+        let bounds = record.plan.settings.step3.bounds.get(name);
+        let mut row = vec![name.clone()];
+        row.extend([0, 1].map(|end| optional(bounds.map(|bounds| bounds[end]))));
+        row.extend(record.step3_iterations.iter().map(|iteration| optional(iteration.parameters.get(name).copied())));
+        table.row(row);
+    }
+    let mut row = vec!["misfit".to_owned(), String::new(), String::new()];
+    row.extend(record.step3_iterations.iter().map(|iteration| optional(iteration.misfit)));
+    table.row(row);
+    table.text()
 }
 
 fn hint(record: &PatientRecord, folders: &Folders) -> Option<String> {

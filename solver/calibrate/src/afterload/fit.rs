@@ -107,7 +107,8 @@ impl Profiles<'_> {
             let mut from = warm.to_vec();
             from[k] = value;
             let residuals = |y: &[f64]| self.problem.residuals(&map(y).1);
-            let settings = Settings { max_steps: 40, cost_tolerance: 1e-9, step_tolerance: 1e-8 };
+            let settings =
+                Settings { max_steps: 40, cost_tolerance: 1e-9, step_tolerance: 1e-8, ..Settings::default() };
             let fit = crate::least_squares::fit(&residuals, &from, &box_here, settings).ok()?;
             Some((fit.sum_of_squares, fit.parameters))
         };

@@ -15,7 +15,8 @@ const DECADES: f64 = 2.5;
 /// Time constants R2 C to start from \[s\].
 const TIME_CONSTANTS_S: [f64; 3] = [0.6, 1.5, 4.0];
 /// Fits are close enough at these; the default ones cost twice the time.
-pub(super) const TOLERANCE: Settings = Settings { cost_tolerance: 1e-9, step_tolerance: 1e-8, max_steps: 60 };
+pub(super) const TOLERANCE: Settings =
+    Settings { cost_tolerance: 1e-9, step_tolerance: 1e-8, max_steps: 60, difference_step: 1e-5 };
 
 /// Coordinates: R1, ln R2, ln C, start (unless periodic), then the parameters of the terms.
 pub(super) struct Problem<'a> {

@@ -12,9 +12,9 @@ mod of_step1;
 mod propose;
 mod trust;
 
+pub use minimise::Effort;
 pub use of_step1::{Step1Problem, Step1Run, plausible, propose_step1};
 pub use propose::{Nearness, Prior, Problem, Proposal, Run, propose};
-pub use trust::FIRST_RADIUS;
 
 #[cfg(test)]
 mod tests;

@@ -1,9 +1,19 @@
 //! Space mapping of step 1: its six parameters as logarithms within what hearts have.
 
-use super::{Nearness, Problem, Run, propose};
-use crate::Interval;
+use super::{Effort, Nearness, Problem, Run, propose};
 use crate::fixed_point::{Biomarker, Biomarkers, Bounds, Outcome, PARAMETERS, Parameter, Parameters, Settings};
+use crate::{Interval, least_squares};
 use serde::{Deserialize, Serialize};
+
+/// Largest change of a parameter's logarithm in the first corrected step: the correction then rests on one run.
+pub const FIRST_RADIUS: f64 = 1.0;
+
+/// The model is rough at a thousandth; more precise steps are not worth their beats.
+const EFFORT: Effort = Effort::Gradients {
+    points: 48,
+    best: 2,
+    local: least_squares::Settings { cost_tolerance: 1e-4, step_tolerance: 1e-4, max_steps: 25, difference_step: 1e-5 },
+};
 
 const NEARNESS: Nearness = Nearness { at_first: 0.05, of_best: 0.005 };
 
@@ -79,6 +89,8 @@ pub fn propose_step1(
         prior: &[],
         nearness: NEARNESS,
         expected: problem.expected,
+        first_radius: FIRST_RADIUS,
+        effort: EFFORT,
         seed: problem.seed,
     };
     let proposal = propose(&general, &|x| cheap(&parameters(x)))?;

@@ -1,7 +1,7 @@
 //! The next parameters from all runs so far.
 
 use super::correction::{Correction, logarithms};
-use super::minimise::minimise;
+use super::minimise::{Effort, minimise};
 use super::trust;
 use crate::Interval;
 use crate::fixed_point::{Biomarker, Biomarkers, Cost, Outcome, Weights};
@@ -58,6 +58,10 @@ pub struct Problem<'a> {
     pub nearness: Nearness,
     /// Factors of the cheap model's biomarkers that are expected before any run, in the order of [`Biomarker::ALL`].
     pub expected: [f64; Biomarker::ALL.len()],
+    /// How far the first corrected step may go: largest change of a logarithm.
+    pub first_radius: f64,
+    /// How hard the search tries.
+    pub effort: Effort,
     /// For the points from which searches start.
     pub seed: u64,
 }
@@ -157,7 +161,7 @@ impl<'a> Search<'a> {
         intervals: &[Interval],
         start: Vec<f64>,
     ) -> Option<Proposal> {
-        let Problem { measured, weights, prior, seed, .. } = *self.problem;
+        let Problem { measured, weights, prior, effort, seed, .. } = *self.problem;
         let residuals = |x: &[f64]| -> Vec<f64> {
             let mut all: Vec<f64> = match found(&(self.cheap)(x)) {
                 Some(found) => weights.residuals(measured, &correction.apply(x, found)),
@@ -167,7 +171,7 @@ impl<'a> Search<'a> {
             all.extend(x.iter().zip(prior).map(|(x, prior)| (x - prior.centre) / prior.width));
             all
         };
-        let (x, asked) = minimise(&residuals, &[start], intervals, seed);
+        let (x, asked) = minimise(&residuals, &start, intervals, effort, seed);
         let x = x?;
         let outcome = (self.cheap)(&x);
         let biomarkers = correction.apply(&x, found(&outcome)?);
@@ -194,7 +198,7 @@ impl<'a> Search<'a> {
     fn corrected(&self, base: usize) -> Option<Proposal> {
         let runs = self.problem.runs;
         let is_whole = |run: usize| self.is_whole(run);
-        let radius = trust::radius(runs, &self.misfits, &is_whole);
+        let radius = trust::radius(runs, &self.misfits, self.problem.first_radius, &is_whole);
         let centre = &runs[base].x;
         // Runs of another kind than the base say little of its surroundings.
         let used: Vec<usize> = (0..runs.len())

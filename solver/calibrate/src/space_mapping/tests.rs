@@ -1,3 +1,4 @@
+use super::of_step1::FIRST_RADIUS;
 use super::trust::radius;
 use super::*;
 use crate::fixed_point::{Biomarker, Biomarkers, Bounds, Cost, Outcome, PARAMETERS, Parameter, Parameters, Settings};
@@ -173,7 +174,7 @@ fn the_radius_follows_what_predictions_were_worth() {
     let after = |predicted: Option<f64>, outcome: Outcome, found: Option<f64>| {
         let runs = [at(0.0, whole, None), at(0.8, outcome, predicted)];
         let costs = [Some(1.0), found];
-        radius(&runs, &costs, &|i| matches!(runs[i].outcome, Outcome::Simulated(_)))
+        radius(&runs, &costs, FIRST_RADIUS, &|i| matches!(runs[i].outcome, Outcome::Simulated(_)))
     };
     assert_eq!(after(Some(0.2), whole, Some(0.25)), 1.6, "kept its promise");
     assert_eq!(after(Some(0.2), whole, Some(0.6)), FIRST_RADIUS, "kept half of it");

@@ -3,8 +3,6 @@
 use super::Run;
 use crate::fixed_point::Outcome;
 
-/// Largest change of a parameter's logarithm in the first corrected step: the correction then rests on one run.
-pub const FIRST_RADIUS: f64 = 1.0;
 /// Smallest and largest radius.
 const RANGE: [f64; 2] = [0.02, 2.0];
 /// A step that gains less than this share of what was predicted was too long …
@@ -12,12 +10,12 @@ const POOR: f64 = 0.25;
 /// … and one that gains more than this share may be longer.
 const GOOD: f64 = 0.75;
 
-/// The radius after the last of `runs`; `misfits` are theirs, none where a run failed.
+/// The radius after the last of `runs`, beginning with `first`; `misfits` are theirs, none where a run failed.
 ///
 /// Shrinks to half the length of a step that gained little, to a quarter of one that ended without a whole beat; grows to
 /// twice the length of one that kept what it promised.
-pub(super) fn radius(runs: &[Run], misfits: &[Option<f64>], is_whole: &dyn Fn(usize) -> bool) -> f64 {
-    let mut radius = FIRST_RADIUS;
+pub(super) fn radius(runs: &[Run], misfits: &[Option<f64>], first: f64, is_whole: &dyn Fn(usize) -> bool) -> f64 {
+    let mut radius = first;
     for last in 1..runs.len() {
         let best = |admits: &dyn Fn(usize) -> bool| {
             (0..last).filter(|i| admits(*i)).filter_map(|i| Some((i, misfits[i]?))).min_by(|a, b| a.1.total_cmp(&b.1))
@@ -25,7 +23,7 @@ pub(super) fn radius(runs: &[Run], misfits: &[Option<f64>], is_whole: &dyn Fn(us
         let Some((base, before)) = best(is_whole).or_else(|| best(&|_| true)) else { continue };
         let length = runs[last].x.iter().zip(&runs[base].x).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
         radius = match (&runs[last].outcome, misfits[last]) {
-            (Outcome::Simulated(_), Some(_)) if !is_whole(base) => FIRST_RADIUS,
+            (Outcome::Simulated(_), Some(_)) if !is_whole(base) => first,
             (Outcome::NoWholeBeat(_), Some(_)) if !is_whole(base) => radius,
             (Outcome::Simulated(_), Some(misfit)) => {
                 // A run that nobody predicted says nothing of predictions.

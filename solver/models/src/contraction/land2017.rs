@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 pub const STATES: [&str; 6] = ["CaTRPN", "B", "W", "S", "zeta_W", "zeta_S"];
 
 /// Stretch above which length dependence stops (eq. A13 and every public implementation).
-const LAMBDA_CAP: f64 = 1.2;
+pub const LAMBDA_CAP: f64 = 1.2;
 /// Stretch below which filament overlap shortens (eq. A13).
 const LAMBDA_OVERLAP: f64 = 0.87;
 

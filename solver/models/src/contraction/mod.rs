@@ -8,7 +8,7 @@ mod land2017_step;
 mod reference;
 pub mod tanh;
 
-pub use land2017::{Land2017, Land2017Parameters};
+pub use land2017::{LAMBDA_CAP, Land2017, Land2017Parameters};
 pub use reference::StretchReference;
 pub use tanh::{Tanh, TanhParameters};
 

@@ -6,6 +6,7 @@ use cardiotwin_calibrate::Interval;
 use cardiotwin_cell_engine::{
     self as engine, CellEngine, CellInput, CellOutput, CellStatus, CellTrace, Penalty, SampledCalcium, Workspace,
 };
+use cardiotwin_models::contraction::LAMBDA_CAP;
 use cardiotwin_schemas::biomarkers::CellBiomarkers;
 use cardiotwin_schemas::settings::InstructionSet;
 use cardiotwin_schemas::task::CellFitSpec;
@@ -20,8 +21,6 @@ pub const WORST: f64 = 1e9;
 
 /// Weight of the squared relative shortage of Ca50.
 const SHORTAGE_WEIGHT: f64 = 100.0;
-/// Land's Ca50 and overlap change no more beyond (Land 2017, eqs. 9 and 15).
-const LARGEST_STRETCH: f64 = 1.2;
 
 /// A cell to be fitted: what is fixed, what is free, what is aimed at.
 #[derive(Debug, Clone)]
@@ -76,7 +75,7 @@ impl Objective {
         let targets = checked(&spec.targets)?;
         let objective = engine::Objective { targets, weights: weights(&settings.weights)? };
         let sensitivity = [position("Ca50_ref_uM")?, position("beta_1_uM")?, position("Ca_res_uM")?];
-        let lambda_max = spec.lambda_max.min(LARGEST_STRETCH);
+        let lambda_max = spec.lambda_max.min(LAMBDA_CAP);
         Ok(Self { base, names, positions, bounds, targets: spec.targets, objective, engine, sensitivity, lambda_max })
     }
 

@@ -4,9 +4,12 @@ use std::collections::BTreeMap;
 
 use cardiotwin_calibrate::Interval;
 use cardiotwin_calibrate::fixed_point::{Biomarker, Outcome, Weights};
-use cardiotwin_calibrate::space_mapping::{Nearness, Prior, Problem, Run, propose};
+use cardiotwin_calibrate::least_squares;
+use cardiotwin_calibrate::space_mapping::{Effort, Nearness, Prior, Problem, Run, propose};
+use cardiotwin_models::contraction::LAMBDA_CAP;
+use cardiotwin_schemas::organ::cell_default;
 use cardiotwin_schemas::outcome::{Step3ProposalResult, TaskResult};
-use cardiotwin_schemas::task::{MovedParameter, Step3ProposalSpec};
+use cardiotwin_schemas::task::{MovedParameter, OrganBeatSpec, Step3ProposalSpec};
 
 use super::one_fibre;
 use crate::context::Context;
@@ -14,10 +17,22 @@ use crate::error::TaskError;
 use crate::step1;
 use crate::tasks::organ_beat::{reduced, reduced_beat};
 
-/// The prior holds what the data do not determine: nothing else needs to.
-const NEARNESS: Nearness = Nearness { at_first: 0.0, of_best: 0.0 };
+/// The organ's factors are known at the best beat alone: among cells that serve alike the nearest is the surest.
+const NEARNESS: Nearness = Nearness { at_first: 0.0, of_best: 1.0 };
 /// Organ over one-fibre ventricle that is expected of each biomarker before any beat: alike.
 const EXPECTED: [f64; Biomarker::ALL.len()] = [1.0; Biomarker::ALL.len()];
+
+/// Change of a parameter's logarithm that the first step may make: that of most bounds.
+const FIRST_RADIUS: f64 = 1.5;
+/// Shortest time step of the one-fibre ventricle in a search: the correction takes up what that changes.
+const TIME_STEP_MS: f64 = 2.0;
+
+const LOCAL: least_squares::Settings =
+    least_squares::Settings { cost_tolerance: 1e-4, step_tolerance: 1e-4, max_steps: 3, difference_step: 5e-3 };
+/// From step 2's cell.
+const FAR: Effort = Effort::Evolution { evaluations: 3000, candidates: 12, deviation: 0.1, local: LOCAL };
+/// From a cell that step 3 has tried.
+const NEARBY: Effort = Effort::Evolution { evaluations: 1500, candidates: 12, deviation: 0.1, local: LOCAL };
 
 /// Proposes.
 ///
@@ -26,15 +41,22 @@ const EXPECTED: [f64; Biomarker::ALL.len()] = [1.0; Biomarker::ALL.len()];
 pub fn run(spec: &Step3ProposalSpec, context: &mut Context) -> Result<TaskResult, TaskError> {
     context.check_stop()?;
     let (passive, activation) = one_fibre(&spec.beat.organ)?;
+    let beat = OrganBeatSpec { time_step_ms: spec.beat.time_step_ms.max(TIME_STEP_MS), ..spec.beat.clone() };
     // Refused once and for all: an effect that cannot act, a parameter outside the models.
-    reduced(&spec.beat, &passive, &activation)?;
+    reduced(&beat, &passive, &activation)?;
     let axes: Vec<Axis> = spec.parameters.iter().map(|(name, moved)| Axis::new(name, moved)).collect();
     let named = |x: &[f64]| -> BTreeMap<String, f64> {
         axes.iter().zip(x).map(|(axis, x)| (axis.name.clone(), axis.value(*x))).collect()
     };
-    let cheap = |x: &[f64]| match reduced_beat(&spec.beat.with_parameters(&named(x)), &passive, &activation) {
-        Ok(Some(beat)) => step1::outcome(&beat),
-        Ok(None) | Err(_) => Outcome::Failed,
+    let cheap = |x: &[f64]| {
+        let trial = beat.with_parameters(&named(x));
+        if !is_sensitive(&trial, spec.lambda_max) {
+            return Outcome::Failed;
+        }
+        match reduced_beat(&trial, &passive, &activation) {
+            Ok(Some(beat)) => step1::outcome(&beat),
+            Ok(None) | Err(_) => Outcome::Failed,
+        }
     };
     let point = |values: &BTreeMap<String, f64>| -> Vec<f64> {
         axes.iter().map(|axis| values.get(&axis.name).map_or(axis.prior.centre, |v| v.abs().ln())).collect()
@@ -58,6 +80,8 @@ pub fn run(spec: &Step3ProposalSpec, context: &mut Context) -> Result<TaskResult
         prior: &prior,
         nearness: NEARNESS,
         expected: EXPECTED,
+        first_radius: FIRST_RADIUS,
+        effort: if spec.runs.len() > 1 { NEARBY } else { FAR },
         seed: spec.seed,
     };
     let proposal = propose(&problem, &cheap)
@@ -73,6 +97,16 @@ pub fn run(spec: &Step3ProposalSpec, context: &mut Context) -> Result<TaskResult
         correction: step1::factors(&proposal),
         reduced_beats: proposal.cheap_beats as u64,
     }))
+}
+
+/// Whether Ca50 stays above the resting calcium up to a stretch.
+fn is_sensitive(beat: &OrganBeatSpec, lambda_max: f64) -> bool {
+    let value = |name: &str| {
+        let given = beat.contraction.cell_parameters().and_then(|cell| cell.get(name).copied());
+        given.or_else(|| cell_default(name)).unwrap_or(f64::NAN)
+    };
+    let stretch = lambda_max.min(LAMBDA_CAP) - 1.0;
+    value("Ca50_ref_uM") + value("beta_1_uM") * stretch > value("Ca_res_uM")
 }
 
 /// A parameter as the search sees it: the logarithm of its magnitude.
