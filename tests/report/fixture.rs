@@ -480,6 +480,8 @@ fn finished(folder: &Folder, printed: &Printed, id: &str) -> PatientRecord {
         )),
         verification: Some(folder.record("verification", id, &[("traces", traces)], 0.021, None, verification)),
         verification_cost: Some(cost(&printed.step2, &printed.clinical)),
+        step3_iterations: vec![],
+        step3: None,
         verdict: Some(verdict),
         failure: None,
         before: None,

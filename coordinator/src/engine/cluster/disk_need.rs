@@ -163,6 +163,8 @@ mod tests {
         let first = personalised("P1", 8.0);
         let bench = Bench::new(vec![first.clone()]);
         bench.leaves_files();
+        // Then step 3 has something to do.
+        bench.script(|s| s.fitted_cell_is_off = true);
         let guess = room(&bench, std::slice::from_ref(&first)).await;
         assert!(guess.measured.is_empty() && guess.words().contains("a guess"), "{}", guess.words());
         bench.run().await;

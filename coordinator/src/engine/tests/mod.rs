@@ -11,8 +11,8 @@ use cardiotwin_schemas::ids::PatientId;
 use cardiotwin_schemas::outcome::TaskResult;
 use cardiotwin_schemas::overlay::ModelOverlay;
 use cardiotwin_schemas::plan::{ResolvedPatient, Workflow};
-use cardiotwin_schemas::record::{PatientRecord, Step1Quality};
-use cardiotwin_schemas::settings::{ExecutorSettings, Fidelity, Update};
+use cardiotwin_schemas::record::{PatientRecord, Step1Quality, Step3Ending};
+use cardiotwin_schemas::settings::{ExecutorSettings, Fidelity, LastStep, Update};
 use cardiotwin_schemas::sweep::{CellDesign, SweptParameter};
 use cardiotwin_schemas::task::{CellSweepSpec, TaskSpec};
 use serde_json::json;
@@ -45,7 +45,7 @@ impl Bench {
         self.dir.path()
     }
 
-    fn script(&self, change: impl FnOnce(&mut Script)) {
+    pub fn script(&self, change: impl FnOnce(&mut Script)) {
         change(&mut self.script.lock().unwrap());
     }
 
@@ -272,7 +272,9 @@ async fn valves_that_never_open_fail_step1_and_in_the_verification_beat_the_pati
     assert!(failure.message.contains("still no whole beat, aortic valve opened and closed"), "{}", failure.message);
     assert!(record.iterations.len() > 1 && record.step1.is_none());
 
-    let bench = Bench::new(vec![personalised("P1", 8.0)]);
+    let mut papers = personalised("P1", 8.0);
+    papers.settings.workflow.until = LastStep::Step2Verification;
+    let bench = Bench::new(vec![papers]);
     bench.script(|s| s.fitted_cell_is_shut = true);
     assert_eq!(bench.run().await.0.failed, 1);
     let record = bench.patient("P1").await;
@@ -280,6 +282,38 @@ async fn valves_that_never_open_fail_step1_and_in_the_verification_beat_the_pati
     assert_eq!((failure.class, record.status.step.as_str()), (FailureClass::Numerics, "verification"));
     assert!(failure.message.contains("the fitted cell makes no whole beat: aortic valve"), "{}", failure.message);
     assert!(record.verification.is_none() && record.cell_fit.is_some());
+}
+
+#[tokio::test]
+async fn step3_goes_on_from_a_cell_that_is_off_and_the_papers_workflow_ends_before() {
+    let bench = Bench::new(vec![personalised("P1", 8.0)]);
+    bench.script(|s| s.fitted_cell_is_off = true);
+    assert_eq!(bench.run().await.0.done, 1);
+    let record = bench.patient("P1").await;
+    let step3 = record.step3.as_ref().unwrap();
+    assert_eq!((step3.ending, step3.best_iteration), (Step3Ending::WithinUncertainty, 1));
+    assert!(record.verdict.as_ref().unwrap().personalised && record.step3_iterations[0].proposal.is_some());
+    assert!(record.twin().unwrap().key != record.verification.as_ref().unwrap().key);
+
+    let mut papers = personalised("P1", 8.0);
+    papers.settings.workflow.until = LastStep::Step2Verification;
+    let bench = Bench::new(vec![papers]);
+    bench.script(|s| s.fitted_cell_is_off = true);
+    assert_eq!(bench.run().await.0.done, 1);
+    let record = bench.patient("P1").await;
+    assert!(record.step3.is_none() && !record.verdict.unwrap().personalised);
+}
+
+#[tokio::test]
+async fn step3_ends_at_its_limit_with_no_cell_that_makes_a_whole_beat() {
+    let bench = Bench::new(vec![personalised("P1", 8.0)]);
+    bench.script(|s| s.fitted_cell_is_shut = true);
+    assert_eq!(bench.run().await.0.failed, 1);
+    let record = bench.patient("P1").await;
+    let failure = record.failure.unwrap();
+    assert_eq!((failure.class, record.status.step.as_str()), (FailureClass::Numerics, "step-3"));
+    assert!(failure.message.contains("no cell makes a whole beat of the organ: aortic valve"), "{}", failure.message);
+    assert_eq!(record.step3_iterations.len(), 4);
 }
 
 #[tokio::test]
