@@ -90,8 +90,8 @@ impl TaskSpec {
             Self::Step1Proposal(_) => 6,
             Self::CellFit(_) | Self::OrganBeat(_) => 5,
             Self::Targets(_) => 3,
-            Self::CellSweep(_) => 2,
-            Self::Step3Proposal(_) | Self::Noop(_) => 1,
+            Self::CellSweep(_) | Self::Step3Proposal(_) => 2,
+            Self::Noop(_) => 1,
         }
     }
 

@@ -10,18 +10,20 @@ use crate::support::{Cohort, PATIENTS, published};
 #[test]
 fn a_cohort_runs_to_the_end_and_the_second_time_does_nothing() {
     let cohort = Cohort::quick();
-    let said = cohort.call(&["run"]).expect(0);
+    let run = ["run", "--set", "workflow.until=step3", "--set", "step3.max_iterations=1"];
+    let said = cohort.call(&run).expect(0);
     for part in ["PATIENT", "P_max", "01-CoA", "02-CoA", "2 done", "report: "] {
         assert!(said.out.contains(part), "{part} is not in\n{}", said.out);
     }
     assert!(said.err.contains("step-1  iteration 1  cost"), "a line for each finished step:\n{}", said.err);
+    assert!(said.err.contains("step-3  iteration 1  "), "step 3 is one of them:\n{}", said.err);
     assert!(!said.out.contains('\x1b') && !said.err.contains('\x1b'), "no colour in pipes");
     let report = std::fs::read_to_string(cohort.run_dir().join("report.html")).unwrap();
     assert!(report.contains("01-CoA") && report.contains("<svg"), "a report with plots");
 
     let before: Vec<_> = PATIENTS.iter().map(|id| published(&cohort.patient(id))).collect();
     assert!(before.iter().all(|tasks| tasks.len() >= 5), "{before:?}");
-    let again = cohort.call(&["run"]).expect(0);
+    let again = cohort.call(&run).expect(0);
     assert!(again.out.contains("nothing to do"), "{}", again.out);
     let after: Vec<_> = PATIENTS.iter().map(|id| published(&cohort.patient(id))).collect();
     assert_eq!(before, after);

@@ -12,8 +12,9 @@ use tempfile::TempDir;
 /// Patients that the small cohort takes from the bundled one.
 pub const PATIENTS: [&str; 2] = ["01-CoA", "02-CoA"];
 
-/// Settings under which both patients are done within seconds: step 2 need not be good here.
-const QUICK: &str = "\n[step2]\nseed = 3\npopsize = 3\nmax_generations = 4\npolish = false\n";
+/// Settings under which both patients are done within seconds: step 2 need not be good here, and step 3 is left out.
+const QUICK: &str =
+    "\nworkflow.until = \"step2-verification\"\n[step2]\nseed = 3\npopsize = 3\nmax_generations = 4\npolish = false\n";
 /// Settings under which step 2 never ends by itself, however fast the cell is: a population too large to collapse.
 const SLOW: &str = "\n[step2]\nseed = 3\npopsize = 500\nmax_generations = 1000000\ntol = 0.0\npolish = false\n";
 
@@ -108,6 +109,11 @@ impl Cohort {
     /// One other patient of the bundled cohort, done within seconds.
     pub fn quick_of(id: &str) -> Self {
         Self::of(&[id], QUICK)
+    }
+
+    /// Patients of the bundled cohort with the program's defaults, but for the one-fibre ventricle.
+    pub fn by_default(ids: &[&str]) -> Self {
+        Self::of(ids, "")
     }
 
     fn with(settings: &str) -> Self {

@@ -137,7 +137,7 @@ impl<'a> Cohort<'a> {
         let profile = folder.path().join("site.toml");
         fs::write(&profile, PROFILE).expect("a profile");
         let text = format!(
-            "name = \"few\"\n[solver]\nfidelity = \"reduced\"\n[step2]\nseed = 3\npolish = false\n{step2}\
+            "name = \"few\"\nworkflow.until = \"step2-verification\"\n[solver]\nfidelity = \"reduced\"\n[step2]\nseed = 3\npolish = false\n{step2}\
              [executor]\nkind = \"slurm\"\n[executor.slurm]\nsite = \"{}\"\ngrace_s = 3\nwarning_s = 60\njob_s = 1\n",
             profile.display()
         );

@@ -11,7 +11,10 @@ use crate::cohort::{Cohort, QUICK, signal};
 
 pub fn a_cohort_is_done_after_one_wait_in_the_queue(cluster: &Cluster) {
     let patients = ["01-CoA", "02-CoA", "03-CoA", "05-CoA"];
-    let cohort = Cohort::of(cluster, &patients, QUICK).set("executor.notices.command=[\"./hook\"]");
+    let cohort = Cohort::of(cluster, &patients, QUICK)
+        .set("executor.notices.command=[\"./hook\"]")
+        .set("workflow.until=step3")
+        .set("step3.max_iterations=1");
     let (hook, heard) = (cohort.folder.path().join("hook"), cohort.folder.path().join("heard"));
     fs::write(&hook, format!("#!/bin/sh\ncat >> '{}'\n", heard.display())).expect("a hook");
     fs::set_permissions(&hook, fs::Permissions::from_mode(0o755)).expect("it is ours");

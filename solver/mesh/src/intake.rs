@@ -104,7 +104,11 @@ const NEVER_MS: f64 = -1.0;
 fn of_muscle(mesh: &TetMesh, muscle: &[i32], mut times: Vec<f64>) -> Result<Vec<f64>, Defect> {
     let mut contracts = vec![muscle.is_empty(); times.len()];
     for (tet, _) in mesh.tets.iter().zip(&mesh.tags).filter(|(_, tag)| muscle.contains(tag)) {
-        tet.iter().filter_map(|node| contracts.get_mut(*node as usize).map(|own| *own = true)).for_each(drop);
+        for node in tet {
+            if let Some(own) = contracts.get_mut(*node as usize) {
+                *own = true;
+            }
+        }
     }
     // Elsewhere a file may count its times from any moment; −1 among them is a time like another.
     let counts_from_zero = times.iter().zip(&contracts).all(|(t, own)| !own || *t == NEVER_MS || *t >= 0.0);

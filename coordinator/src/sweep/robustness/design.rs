@@ -9,7 +9,7 @@ use cardiotwin_schemas::ids::PatientId;
 use cardiotwin_schemas::organ::{Step1Parameters, cell_default};
 use cardiotwin_schemas::plan::ResolvedPatient;
 use cardiotwin_schemas::robustness::{MemberRole, RobustnessSpec, Uncertainty};
-use cardiotwin_schemas::settings::STEP1_PARAMETERS;
+use cardiotwin_schemas::settings::{LastStep, STEP1_PARAMETERS};
 
 /// Prefix of step 2's guesses among a member's inputs: both steps have an `Smax_ref_kPa`.
 pub const STEP2_PREFIX: &str = "step2.";
@@ -92,6 +92,8 @@ fn named(patient: &PatientId, suffix: &str) -> PatientId {
 fn member(patient: &ResolvedPatient, role: MemberRole, suffix: String, inputs: BTreeMap<String, f64>) -> Member {
     let mut plan = patient.clone();
     plan.random_stream = Some(patient.random_stream().clone());
+    // The tables are the paper's, which end with the verification beat.
+    plan.settings.workflow.until = LastStep::Step2Verification;
     plan.id = named(&patient.id, &suffix);
     Member { role, inputs, plan }
 }

@@ -22,17 +22,17 @@ const NEARNESS: Nearness = Nearness { at_first: 0.0, of_best: 1.0 };
 /// Organ over one-fibre ventricle that is expected of each biomarker before any beat: alike.
 const EXPECTED: [f64; Biomarker::ALL.len()] = [1.0; Biomarker::ALL.len()];
 
-/// Change of a parameter's logarithm that the first step may make: that of most bounds.
-const FIRST_RADIUS: f64 = 1.5;
+/// Change of a parameter's logarithm that the first step may make: the bounds limit it first (docs/step3.md has others).
+const FIRST_RADIUS: f64 = 2.5;
 /// Shortest time step of the one-fibre ventricle in a search: the correction takes up what that changes.
 const TIME_STEP_MS: f64 = 2.0;
 
 const LOCAL: least_squares::Settings =
     least_squares::Settings { cost_tolerance: 1e-4, step_tolerance: 1e-4, max_steps: 3, difference_step: 5e-3 };
 /// From step 2's cell.
-const FAR: Effort = Effort::Evolution { evaluations: 3000, candidates: 12, deviation: 0.1, local: LOCAL };
+const FAR: Effort = Effort::Evolution { evaluations: 6000, candidates: 16, deviation: 0.1, local: LOCAL };
 /// From a cell that step 3 has tried.
-const NEARBY: Effort = Effort::Evolution { evaluations: 1500, candidates: 12, deviation: 0.1, local: LOCAL };
+const NEARBY: Effort = Effort::Evolution { evaluations: 3000, candidates: 12, deviation: 0.1, local: LOCAL };
 
 /// Proposes.
 ///
