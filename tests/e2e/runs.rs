@@ -74,7 +74,7 @@ fn a_changed_setting_redoes_only_what_depends_on_it_and_explain_names_it() {
     assert_eq!(changed, ["step-2", "verification"], "same: {same:?}");
     let said = cohort.call(&["explain", "01-CoA"]).expect(0).out;
     assert!(said.contains("step-2 differs"), "{said}");
-    assert!(said.contains("seed: 3 -> 7") && said.contains("cohort.toml:4"), "the key and its place:\n{said}");
+    assert!(said.contains("seed: 3 -> 7") && said.contains("cohort.toml:5"), "the key and its place:\n{said}");
 
     cohort.edit("cohort.toml", "seed = 7", "seed = 3");
     let said = cohort.call(&["run", "--no-report"]).expect(0).out;
@@ -130,7 +130,7 @@ fn wrong_input_stops_before_anything_runs() {
     cohort.call(&["run"]).expect(3).complains_of(&[
         "\nerror: patients/01-CoA/patient.toml:",
         "cine.csv",
-        "cohort.toml:4",
+        "cohort.toml:5",
         "did you mean `seed`?",
     ]);
     assert!(!cohort.run_dir().join("cardiotwin.db").exists());

@@ -341,7 +341,7 @@ pub async fn rerun(
     from: Stage,
     overrides: &SettingsLayer,
 ) -> Result<Answer, EngineError> {
-    ask(run_dir, &[Request::Rerun { patient: patient.clone(), from, overrides: overrides.clone() }]).await
+    ask(run_dir, &[Request::Rerun { patient: patient.clone(), from, overrides: Box::new(overrides.clone()) }]).await
 }
 
 /// Opens the failed tasks of a patient for another try with the same settings; a cancelled patient goes on.

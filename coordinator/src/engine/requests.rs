@@ -28,7 +28,7 @@ pub enum Request {
         /// From where.
         from: Stage,
         /// Laid over all other settings.
-        overrides: SettingsLayer,
+        overrides: Box<SettingsLayer>,
     },
     /// The failed tasks again.
     Retry {

@@ -281,7 +281,7 @@ impl List {
             if !makes_sense {
                 let found = format!("[{lower}, {upper}]");
                 let expected = "two numbers of one sign, the lower one first";
-                self.add(&format!("step3.bounds.{name}"), found, expected, "swap or widen the bounds");
+                self.add(format!("step3.bounds.{name}"), found, expected, "swap or widen the bounds");
             }
         }
     }

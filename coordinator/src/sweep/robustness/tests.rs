@@ -8,7 +8,7 @@ use cardiotwin_schemas::plan::{ResolvedPatient, Workflow};
 use cardiotwin_schemas::robustness::{
     MemberRole, RobustnessMember, RobustnessResult, RobustnessSpec, TableKind, Uncertainty,
 };
-use cardiotwin_schemas::settings::STEP1_PARAMETERS;
+use cardiotwin_schemas::settings::{LastStep, STEP1_PARAMETERS};
 use cardiotwin_schemas::task::InputFile;
 use proptest::prelude::*;
 
@@ -98,6 +98,8 @@ fn members_of_uncertain_data_differ_in_factors_alone() {
         let mut bare = member.plan.clone();
         (bare.id, bare.random_stream) = (plan.id.clone(), None);
         bare.step0.biomarker_factors.clear();
+        assert_eq!(bare.settings.workflow.until, LastStep::Step2Verification, "the paper's tables");
+        bare.settings.workflow = plan.settings.workflow;
         if member.role == MemberRole::Seed {
             assert_ne!(bare.settings.step2.seed, plan.settings.step2.seed);
             bare.settings.step2.seed = plan.settings.step2.seed;

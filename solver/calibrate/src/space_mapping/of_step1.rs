@@ -59,7 +59,7 @@ pub fn plausible(parameter: Parameter) -> Bounds {
     Bounds { lower, upper }
 }
 
-/// The next parameters of step 1, with the proposal that they are of; as [`propose`].
+/// The next parameters of step 1, with the proposal that they are of; as [`propose()`].
 pub fn propose_step1(
     problem: &Step1Problem<'_>,
     cheap: &dyn Fn(&Parameters) -> Outcome,
