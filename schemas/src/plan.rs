@@ -179,6 +179,7 @@ impl ResolvedPatient {
             runs,
             lambda_max,
             uncertainty_percent: step3.uncertainty_percent.clone(),
+            upstroke: step3.upstroke(&step0.time_points),
             seed: PROPOSAL_SEED,
         }
     }

@@ -5,9 +5,9 @@ use std::collections::BTreeMap;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::biomarkers::Biomarkers;
+use crate::biomarkers::{Biomarkers, TimePoints};
 use crate::organ::{CELL_PARAMETERS, VALVE_PARAMETERS, ValveParameters, cell_default};
-use crate::task::MovedParameter;
+use crate::task::{MovedParameter, Upstroke};
 
 /// Step 3: parameters of the cell model and of the valves are moved until the organ with that cell meets the measured
 /// biomarkers.
@@ -24,6 +24,8 @@ pub struct Step3Settings {
     pub bounds: BTreeMap<String, [f64; 2]>,
     /// Standard deviation of each measured biomarker, percent of its value. One that is absent does not count.
     pub uncertainty_percent: BTreeMap<String, f64>,
+    /// Standard deviation of the time at which the measured pressure rises; 0: that time does not count.
+    pub upstroke_sd_ms: f64,
 }
 
 /// Standard deviation of the prior over the interval of the logarithms: within the bounds it chooses among cells that
@@ -73,6 +75,7 @@ impl Default for Step3Settings {
             ]
             .map(|(name, percent)| (name.to_owned(), percent))
             .into(),
+            upstroke_sd_ms: 10.0,
         }
     }
 }
@@ -106,12 +109,20 @@ impl Step3Settings {
 }
 
 impl Step3Settings {
-    /// Measured biomarkers that count.
+    /// When the pressure is to rise; none where there is no trace, or that time does not count.
     #[must_use]
-    pub fn n_measured(&self, measured: &Biomarkers) -> usize {
+    pub fn upstroke(&self, measured: &TimePoints) -> Option<Upstroke> {
+        let measured_ms = measured.t1_ms?;
+        (self.upstroke_sd_ms > 0.0).then_some(Upstroke { measured_ms, sd_ms: self.upstroke_sd_ms })
+    }
+
+    /// Measured biomarkers that count, and the upstroke.
+    #[must_use]
+    pub fn n_measured(&self, measured: &Biomarkers, times: &TimePoints) -> usize {
         let counts =
             |(name, value): &(&str, Option<f64>)| value.is_some() && self.uncertainty_percent.contains_key(*name);
-        measured.of_organ().iter().filter(|named| counts(named)).count()
+        let biomarkers = measured.of_organ().iter().filter(|named| counts(named)).count();
+        biomarkers + usize::from(self.upstroke(times).is_some())
     }
 }
 

@@ -89,8 +89,8 @@ impl TaskSpec {
             Self::Discover(_) => 4,
             Self::Step1Proposal(_) => 6,
             Self::CellFit(_) | Self::OrganBeat(_) => 5,
-            Self::Targets(_) => 3,
-            Self::CellSweep(_) | Self::Step3Proposal(_) => 2,
+            Self::Targets(_) | Self::Step3Proposal(_) => 3,
+            Self::CellSweep(_) => 2,
             Self::Noop(_) => 1,
         }
     }
@@ -273,6 +273,9 @@ pub struct ProposalRun<P> {
     pub biomarkers: Option<Biomarkers>,
     /// Whether both valves opened and closed.
     pub whole_beat: bool,
+    /// When its pressure rose, where that counts.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub upstroke_ms: Option<f64>,
     /// The misfit that the proposal which led to it promised.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub predicted_misfit: Option<f64>,
@@ -301,8 +304,37 @@ pub struct Step3ProposalSpec {
     pub parameters: BTreeMap<String, MovedParameter>,
     /// Standard deviation of each measured biomarker, percent of its value; one that is absent does not count.
     pub uncertainty_percent: BTreeMap<String, f64>,
+    /// When the pressure is to rise; none where that does not count.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub upstroke: Option<Upstroke>,
     /// Seed of the points from which the optimum is sought.
     pub seed: u64,
+}
+
+/// Upstroke of the measured pressure: its crossing of the minimum and a tenth of the amplitude.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Upstroke {
+    /// Since the beat's start.
+    pub measured_ms: f64,
+    /// Standard deviation.
+    pub sd_ms: f64,
+}
+
+impl Upstroke {
+    /// Difference of a simulated upstroke over the standard deviation; that of a beat without one is ten.
+    #[must_use]
+    pub fn residual(&self, simulated_ms: Option<f64>) -> f64 {
+        simulated_ms.map_or(10.0, |simulated| (simulated - self.measured_ms) / self.sd_ms)
+    }
+}
+
+impl Step3ProposalSpec {
+    /// [`Upstroke::residual`], where the upstroke counts.
+    #[must_use]
+    pub fn upstroke_residual(&self, simulated_ms: Option<f64>) -> Option<f64> {
+        self.upstroke.map(|upstroke| upstroke.residual(simulated_ms))
+    }
 }
 
 /// A parameter of step 3: the logarithm of its magnitude is sought within bounds, and has a normal distribution before

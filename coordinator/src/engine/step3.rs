@@ -4,6 +4,8 @@ use std::collections::BTreeMap;
 
 use cardiotwin_calibrate::fixed_point::Weights;
 use cardiotwin_schemas::biomarkers::Biomarkers;
+use cardiotwin_schemas::outcome::{OrganBeatResult, PassiveStateResult};
+use cardiotwin_schemas::step3::Step3Settings;
 use cardiotwin_schemas::task::Step3Run;
 use cardiotwin_schemas::verdict::Verdict;
 
@@ -21,6 +23,8 @@ pub struct Beat {
     pub parameters: BTreeMap<String, f64>,
     /// What came out; none where the simulation failed.
     pub biomarkers: Option<Biomarkers>,
+    /// When its pressure rose.
+    pub upstroke_ms: Option<f64>,
     /// The valve that did not open and close, if one did not.
     pub shut: Option<String>,
     /// The misfit that its proposal promised.
@@ -34,7 +38,8 @@ pub struct Beat {
 impl Beat {
     /// A simulation that did not end.
     pub fn failed(parameters: BTreeMap<String, f64>) -> Self {
-        Self { parameters, biomarkers: None, shut: None, predicted_misfit: None, misfit: None, verdict: None }
+        let (biomarkers, upstroke_ms, shut) = (None, None, None);
+        Self { parameters, biomarkers, upstroke_ms, shut, predicted_misfit: None, misfit: None, verdict: None }
     }
 
     /// Whether it ended, and both valves opened and closed.
@@ -53,15 +58,18 @@ impl Beat {
             parameters: self.parameters.clone(),
             biomarkers: self.biomarkers,
             whole_beat: self.is_whole(),
+            upstroke_ms: self.upstroke_ms,
             predicted_misfit: self.predicted_misfit,
         }
     }
 }
 
-/// Sum of squared differences over the measurements' variances.
-pub fn misfit(uncertainty_percent: &BTreeMap<String, f64>, measured: &Biomarkers, simulated: &Biomarkers) -> f64 {
-    let weights = Weights::of_uncertainty_percent(uncertainty_percent);
-    weights.misfit(&step1::biomarkers(measured), &step1::biomarkers(simulated))
+/// Sum of squared differences of biomarkers and upstroke over the measurements' variances.
+pub fn misfit(settings: &Step3Settings, step0: &PassiveStateResult, simulated: &OrganBeatResult) -> f64 {
+    let weights = Weights::of_uncertainty_percent(&settings.uncertainty_percent);
+    let of_biomarkers = weights.misfit(&step1::biomarkers(&step0.measured), &step1::biomarkers(&simulated.biomarkers));
+    let upstroke = settings.upstroke(&step0.time_points);
+    of_biomarkers + upstroke.map_or(0.0, |upstroke| upstroke.residual(simulated.time_points.t1_ms).powi(2))
 }
 
 /// The whole beat of lowest misfit; none without one.
@@ -96,7 +104,7 @@ mod tests {
         let verdict = Some(Verdict { personalised, off_percent: BTreeMap::new() });
         let (parameters, biomarkers) = (BTreeMap::new(), Some(Biomarkers::default()));
         let shut = (!whole).then(|| "aortic valve".to_owned());
-        Beat { parameters, biomarkers, shut, predicted_misfit: None, misfit: Some(misfit), verdict }
+        Beat { parameters, biomarkers, upstroke_ms: None, shut, predicted_misfit: None, misfit: Some(misfit), verdict }
     }
 
     #[test]

@@ -258,6 +258,7 @@ impl<'a> Derivation<'a, '_> {
                 _ => None,
             },
             whole_beat: run.is_ok() && !iteration.no_whole_beat,
+            upstroke_ms: None,
             predicted_misfit: self.chain.proposal(number).map(|proposal| proposal.predicted_misfit),
         });
         let told = told.collect();
@@ -416,7 +417,7 @@ impl<'a> Derivation<'a, '_> {
         step: Step,
         spec: OrganBeatSpec,
         parameters: BTreeMap<String, f64>,
-        measured: &Biomarkers,
+        step0: &PassiveStateResult,
     ) -> Derived<(TaskKey, Result<step3::Beat, Failure>)> {
         let task = TaskSpec::OrganBeat(Box::new(spec));
         let key = task.key();
@@ -432,10 +433,11 @@ impl<'a> Derivation<'a, '_> {
         let seen = step3::Beat {
             parameters,
             biomarkers: Some(step1::of_step1(&beat.biomarkers)),
+            upstroke_ms: settings.step3.upstroke(&step0.time_points).and(beat.time_points.t1_ms),
             shut: beat.failed_valve().map(ToString::to_string),
             predicted_misfit: None,
-            misfit: Some(step3::misfit(&settings.step3.uncertainty_percent, measured, &beat.biomarkers)),
-            verdict: Some(Verdict::of(measured, &beat.biomarkers, &settings.verification.tolerance_percent)),
+            misfit: Some(step3::misfit(&settings.step3, step0, &beat)),
+            verdict: Some(Verdict::of(&step0.measured, &beat.biomarkers, &settings.verification.tolerance_percent)),
         };
         Ok((key, Ok(seen)))
     }
@@ -443,7 +445,7 @@ impl<'a> Derivation<'a, '_> {
     fn verification(&mut self, step0: &PassiveStateResult, spec: &OrganBeatSpec) -> Derived<step3::Beat> {
         let step = Step::only(Stage::Verification);
         let moved = self.plan.settings.step3.values(spec.contraction.cell_parameters(), &spec.valves);
-        let (key, beat) = self.beat_with_cell(step, spec.clone(), moved.clone(), &step0.measured)?;
+        let (key, beat) = self.beat_with_cell(step, spec.clone(), moved.clone(), step0)?;
         let is_last = self.plan.settings.workflow.until == LastStep::Step2Verification;
         let beat = match beat {
             Err(failure) if is_last => return Err(Next::Failed { step, failure }),
@@ -471,7 +473,7 @@ impl<'a> Derivation<'a, '_> {
         let measured = &step0.measured;
         let mut beats = vec![verified];
         let ending = loop {
-            if step3::content(&beats, settings.n_measured(measured)) {
+            if step3::content(&beats, settings.n_measured(measured, &step0.time_points)) {
                 break Step3Ending::WithinUncertainty;
             }
             let number = beats.len() as u32;
@@ -486,7 +488,7 @@ impl<'a> Derivation<'a, '_> {
             }
             let step = Step { stage: Stage::Step3, number };
             let spec = beat.with_parameters(&parameters);
-            let (task, simulated) = self.beat_with_cell(step, spec, parameters.clone(), measured)?;
+            let (task, simulated) = self.beat_with_cell(step, spec, parameters.clone(), step0)?;
             let simulated = simulated.unwrap_or_else(|_| step3::Beat::failed(parameters.clone()));
             self.chain.step3_iterations.push(Step3ChainIteration {
                 parameters,

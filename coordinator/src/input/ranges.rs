@@ -267,6 +267,7 @@ impl List {
                 self.add("step3.uncertainty_percent", name.clone(), &expected, "name one of the organ's biomarkers");
             }
         }
+        self.within("step3.upstroke_sd_ms", step3.upstroke_sd_ms, 0.0, 1e3);
         for name in &step3.parameters {
             if !can_move(name) {
                 let expected = "a parameter of the cell (but a_p_kPa) or of a valve";

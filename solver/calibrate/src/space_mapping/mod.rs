@@ -14,7 +14,7 @@ mod trust;
 
 pub use minimise::Effort;
 pub use of_step1::{Step1Problem, Step1Run, plausible, propose_step1};
-pub use propose::{Nearness, Prior, Problem, Proposal, Run, propose};
+pub use propose::{Nearness, Prior, Problem, Proposal, Run, Trial, propose};
 
 #[cfg(test)]
 mod tests;

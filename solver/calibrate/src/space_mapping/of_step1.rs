@@ -76,6 +76,7 @@ pub fn propose_step1(
     let run = |run: &Step1Run| Run {
         x: logarithms(&run.parameters),
         outcome: run.outcome,
+        also: Vec::new(),
         predicted_misfit: run.predicted_misfit,
     };
     let runs: Vec<Run> = problem.runs.iter().map(run).collect();
@@ -93,7 +94,7 @@ pub fn propose_step1(
         effort: EFFORT,
         seed: problem.seed,
     };
-    let proposal = propose(&general, &|x| cheap(&parameters(x)))?;
+    let proposal = propose(&general, &|x| cheap(&parameters(x)).into())?;
     Some((parameters(&proposal.x), proposal))
 }
 

@@ -17,8 +17,26 @@ pub struct Run {
     pub x: Vec<f64>,
     /// What came of it.
     pub outcome: Outcome,
+    /// Residuals that no biomarker holds, as [`Trial::also`].
+    pub also: Vec<f64>,
     /// Misfit of the corrected cheap model there, where a proposal led to it.
     pub predicted_misfit: Option<f64>,
+}
+
+/// A beat of the cheap model.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Trial {
+    /// What came of it.
+    pub outcome: Outcome,
+    /// Residuals that no biomarker holds, over their standard deviations: as many of each beat, failed ones too. The
+    /// correction leaves them as they are.
+    pub also: Vec<f64>,
+}
+
+impl From<Outcome> for Trial {
+    fn from(outcome: Outcome) -> Self {
+        Self { outcome, also: Vec::new() }
+    }
 }
 
 /// What is known of a parameter without any run: a normal distribution of its logarithm.
@@ -95,7 +113,7 @@ pub struct Proposal {
 /// correction, which makes it exact at the best run, within the trust region around that. A run without a whole beat leads
 /// on until there is a whole one, by the biomarkers that it has; one that failed shortens the step. Where no run is of use,
 /// the start is next.
-pub fn propose(problem: &Problem<'_>, cheap: &dyn Fn(&[f64]) -> Outcome) -> Option<Proposal> {
+pub fn propose(problem: &Problem<'_>, cheap: &dyn Fn(&[f64]) -> Trial) -> Option<Proposal> {
     let search = Search::new(problem, cheap);
     match search.base() {
         Some(base) => search.corrected(base),
@@ -106,7 +124,7 @@ pub fn propose(problem: &Problem<'_>, cheap: &dyn Fn(&[f64]) -> Outcome) -> Opti
 
 struct Search<'a> {
     problem: &'a Problem<'a>,
-    cheap: &'a dyn Fn(&[f64]) -> Outcome,
+    cheap: &'a dyn Fn(&[f64]) -> Trial,
     /// Misfit of each run; none where it failed.
     misfits: Vec<Option<f64>>,
 }
@@ -118,9 +136,15 @@ fn found(outcome: &Outcome) -> Option<&Biomarkers> {
     }
 }
 
+fn sum_of_squares(residuals: &[f64]) -> f64 {
+    residuals.iter().map(|r| r * r).sum()
+}
+
 impl<'a> Search<'a> {
-    fn new(problem: &'a Problem<'a>, cheap: &'a dyn Fn(&[f64]) -> Outcome) -> Self {
-        let misfit = |run: &Run| found(&run.outcome).map(|found| problem.weights.misfit(problem.measured, found));
+    fn new(problem: &'a Problem<'a>, cheap: &'a dyn Fn(&[f64]) -> Trial) -> Self {
+        let misfit = |run: &Run| {
+            found(&run.outcome).map(|found| problem.weights.misfit(problem.measured, found) + sum_of_squares(&run.also))
+        };
         Self { misfits: problem.runs.iter().map(misfit).collect(), problem, cheap }
     }
 
@@ -163,23 +187,25 @@ impl<'a> Search<'a> {
     ) -> Option<Proposal> {
         let Problem { measured, weights, prior, effort, seed, .. } = *self.problem;
         let residuals = |x: &[f64]| -> Vec<f64> {
-            let mut all: Vec<f64> = match found(&(self.cheap)(x)) {
+            let trial = (self.cheap)(x);
+            let mut all: Vec<f64> = match found(&trial.outcome) {
                 Some(found) => weights.residuals(measured, &correction.apply(x, found)),
                 None => weights.residuals(measured, &Biomarkers::default()).iter().map(|r| FAILED * r).collect(),
             };
+            all.extend(trial.also);
             all.extend(x.iter().zip(near).map(|(x, near)| weight.sqrt() * (x - near)));
             all.extend(x.iter().zip(prior).map(|(x, prior)| (x - prior.centre) / prior.width));
             all
         };
         let (x, asked) = minimise(&residuals, &start, intervals, effort, seed);
         let x = x?;
-        let outcome = (self.cheap)(&x);
-        let biomarkers = correction.apply(&x, found(&outcome)?);
+        let trial = (self.cheap)(&x);
+        let biomarkers = correction.apply(&x, found(&trial.outcome)?);
         Some(Proposal {
             x,
             biomarkers,
             cost: Cost::of(measured, &biomarkers).total,
-            misfit: weights.misfit(measured, &biomarkers),
+            misfit: weights.misfit(measured, &biomarkers) + sum_of_squares(&trial.also),
             base: None,
             radius: None,
             step: None,
@@ -206,7 +232,7 @@ impl<'a> Search<'a> {
             .collect();
         let factors = |i: usize| {
             let x = runs[i].x.clone();
-            let cheap = (self.cheap)(&x);
+            let cheap = (self.cheap)(&x).outcome;
             match (found(&runs[i].outcome), found(&cheap)) {
                 (Some(expensive), Some(cheap)) => (x, logarithms(expensive, cheap)),
                 _ => (x, [None; super::correction::N]),
@@ -234,7 +260,7 @@ impl<'a> Search<'a> {
         let far = &runs.first()?.x;
         let share = *[1.0, 0.5, 0.75, 0.25].get(runs.len() - 1)?;
         let x: Vec<f64> = start.iter().zip(far).map(|(i, f)| f + share * (i - f)).collect();
-        let biomarkers = found(&(self.cheap)(&x)).copied().unwrap_or_default();
+        let biomarkers = found(&(self.cheap)(&x).outcome).copied().unwrap_or_default();
         Some(Proposal {
             x,
             biomarkers,

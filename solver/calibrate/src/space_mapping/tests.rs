@@ -169,7 +169,7 @@ fn a_beat_whose_valves_stay_shut_leads_on_by_its_pressure() {
 
 #[test]
 fn the_radius_follows_what_predictions_were_worth() {
-    let at = |x: f64, outcome, predicted_misfit| Run { x: vec![x], outcome, predicted_misfit };
+    let at = |x: f64, outcome, predicted_misfit| Run { x: vec![x], outcome, also: Vec::new(), predicted_misfit };
     let whole = Outcome::Simulated(Biomarkers::default());
     let after = |predicted: Option<f64>, outcome: Outcome, found: Option<f64>| {
         let runs = [at(0.0, whole, None), at(0.8, outcome, predicted)];

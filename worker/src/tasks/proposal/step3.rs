@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use cardiotwin_calibrate::Interval;
 use cardiotwin_calibrate::fixed_point::{Biomarker, Outcome, Weights};
 use cardiotwin_calibrate::least_squares;
-use cardiotwin_calibrate::space_mapping::{Effort, Nearness, Prior, Problem, Run, propose};
+use cardiotwin_calibrate::space_mapping::{Effort, Nearness, Prior, Problem, Run, Trial, propose};
 use cardiotwin_models::contraction::LAMBDA_CAP;
 use cardiotwin_schemas::organ::cell_default;
 use cardiotwin_schemas::outcome::{Step3ProposalResult, TaskResult};
@@ -48,23 +48,31 @@ pub fn run(spec: &Step3ProposalSpec, context: &mut Context) -> Result<TaskResult
     let named = |x: &[f64]| -> BTreeMap<String, f64> {
         axes.iter().zip(x).map(|(axis, x)| (axis.name.clone(), axis.value(*x))).collect()
     };
-    let cheap = |x: &[f64]| {
+    let one_fibre_beat = |x: &[f64]| {
         let trial = beat.with_parameters(&named(x));
-        if !is_sensitive(&trial, spec.lambda_max) {
-            return Outcome::Failed;
-        }
-        match reduced_beat(&trial, &passive, &activation) {
-            Ok(Some(beat)) => step1::outcome(&beat),
-            Ok(None) | Err(_) => Outcome::Failed,
-        }
+        let may_be = is_sensitive(&trial, spec.lambda_max);
+        if may_be { reduced_beat(&trial, &passive, &activation).ok().flatten() } else { None }
     };
     let point = |values: &BTreeMap<String, f64>| -> Vec<f64> {
         axes.iter().map(|axis| values.get(&axis.name).map_or(axis.prior.centre, |v| v.abs().ln())).collect()
+    };
+    // The organ's upstroke less the one-fibre ventricle's.
+    let later: Vec<f64> = (spec.runs.iter().filter(|_| spec.upstroke.is_some()))
+        .filter_map(|run| Some(run.upstroke_ms? - one_fibre_beat(&point(&run.parameters))?.time_points.t1_ms?))
+        .collect();
+    let later_ms = if later.is_empty() { 0.0 } else { later.iter().sum::<f64>() / later.len() as f64 };
+    let cheap = |x: &[f64]| match one_fibre_beat(x) {
+        Some(beat) => {
+            let upstroke_ms = beat.time_points.t1_ms.map(|t| t + later_ms);
+            Trial { outcome: step1::outcome(&beat), also: spec.upstroke_residual(upstroke_ms).into_iter().collect() }
+        }
+        None => Trial { outcome: Outcome::Failed, also: spec.upstroke_residual(None).into_iter().collect() },
     };
     let runs: Vec<Run> = (spec.runs.iter())
         .map(|run| Run {
             x: point(&run.parameters),
             outcome: run.biomarkers.as_ref().map_or(Outcome::Failed, |b| step1::told(b, run.whole_beat)),
+            also: spec.upstroke_residual(run.upstroke_ms).into_iter().collect(),
             predicted_misfit: run.predicted_misfit,
         })
         .collect();
