@@ -436,7 +436,7 @@ impl<'a> Derivation<'a, '_> {
             upstroke_ms: settings.step3.upstroke(&step0.time_points).and(beat.time_points.t1_ms),
             shut: beat.failed_valve().map(ToString::to_string),
             predicted_misfit: None,
-            misfit: Some(step3::misfit(&settings.step3, step0, &beat)),
+            misfit: Some(step3::misfit(&settings.step3, step0, beat)),
             verdict: Some(Verdict::of(&step0.measured, &beat.biomarkers, &settings.verification.tolerance_percent)),
         };
         Ok((key, Ok(seen)))

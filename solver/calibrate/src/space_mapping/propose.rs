@@ -29,7 +29,7 @@ pub struct Trial {
     /// What came of it.
     pub outcome: Outcome,
     /// Residuals that no biomarker holds, over their standard deviations: as many of each beat, failed ones too. The
-    /// correction leaves them as they are.
+    /// correction adds their difference at the best run.
     pub also: Vec<f64>,
 }
 
@@ -136,6 +136,12 @@ fn found(outcome: &Outcome) -> Option<&Biomarkers> {
     }
 }
 
+/// Residuals and what is added to them; nothing is added beyond the end of `shift`.
+fn shifted(residuals: &[f64], shift: &[f64]) -> Vec<f64> {
+    let shift = shift.iter().copied().chain(std::iter::repeat(0.0));
+    residuals.iter().zip(shift).map(|(residual, shift)| residual + shift).collect()
+}
+
 fn sum_of_squares(residuals: &[f64]) -> f64 {
     residuals.iter().map(|r| r * r).sum()
 }
@@ -181,6 +187,7 @@ impl<'a> Search<'a> {
     fn best(
         &self,
         correction: &Correction,
+        shift: &[f64],
         (near, weight): (&[f64], f64),
         intervals: &[Interval],
         start: Vec<f64>,
@@ -192,7 +199,7 @@ impl<'a> Search<'a> {
                 Some(found) => weights.residuals(measured, &correction.apply(x, found)),
                 None => weights.residuals(measured, &Biomarkers::default()).iter().map(|r| FAILED * r).collect(),
             };
-            all.extend(trial.also);
+            all.extend(shifted(&trial.also, shift));
             all.extend(x.iter().zip(near).map(|(x, near)| weight.sqrt() * (x - near)));
             all.extend(x.iter().zip(prior).map(|(x, prior)| (x - prior.centre) / prior.width));
             all
@@ -205,7 +212,7 @@ impl<'a> Search<'a> {
             x,
             biomarkers,
             cost: Cost::of(measured, &biomarkers).total,
-            misfit: weights.misfit(measured, &biomarkers) + sum_of_squares(&trial.also),
+            misfit: weights.misfit(measured, &biomarkers) + sum_of_squares(&shifted(&trial.also, shift)),
             base: None,
             radius: None,
             step: None,
@@ -218,7 +225,7 @@ impl<'a> Search<'a> {
         let Problem { intervals, start, nearness, .. } = *self.problem;
         let start = Self::clamped(start, intervals);
         let correction = Correction::expected(start.len(), self.expected());
-        self.best(&correction, (&start, nearness.at_first), intervals, start.clone())
+        self.best(&correction, &[], (&start, nearness.at_first), intervals, start.clone())
     }
 
     fn corrected(&self, base: usize) -> Option<Proposal> {
@@ -243,15 +250,25 @@ impl<'a> Search<'a> {
         let correction = Correction::of(position, &all, self.expected());
         let intervals = self.around(centre, radius);
         let start = Self::clamped(centre, &intervals);
-        let mut proposal = self.best(&correction, (centre, self.problem.nearness.of_best), &intervals, start)?;
+        let shift = self.shift(base);
+        let mut proposal =
+            self.best(&correction, &shift, (centre, self.problem.nearness.of_best), &intervals, start)?;
         let step = proposal.x.iter().zip(centre).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
         proposal.base = Some(base);
         proposal.radius = Some(radius);
         proposal.step = Some(step);
         let is_measured = |(biomarker, _): &(Biomarker, f64)| self.problem.measured.get(*biomarker).is_some();
         proposal.correction = Biomarker::ALL.into_iter().zip(correction.factors()).filter(is_measured).collect();
-        proposal.cheap_beats += used.len();
+        proposal.cheap_beats += used.len() + 1;
         Some(proposal)
+    }
+
+    /// What makes the cheap model's other residuals exact at a run; nothing where it cannot end its beat.
+    fn shift(&self, run: usize) -> Vec<f64> {
+        let Run { x, also, .. } = &self.problem.runs[run];
+        let cheap = (self.cheap)(x);
+        let of_ended = found(&cheap.outcome).is_some();
+        if of_ended { also.iter().zip(&cheap.also).map(|(run, cheap)| run - cheap).collect() } else { Vec::new() }
     }
 
     /// No run ended: the start, then points between it and the first run.

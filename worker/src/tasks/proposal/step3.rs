@@ -56,16 +56,11 @@ pub fn run(spec: &Step3ProposalSpec, context: &mut Context) -> Result<TaskResult
     let point = |values: &BTreeMap<String, f64>| -> Vec<f64> {
         axes.iter().map(|axis| values.get(&axis.name).map_or(axis.prior.centre, |v| v.abs().ln())).collect()
     };
-    // The organ's upstroke less the one-fibre ventricle's.
-    let later: Vec<f64> = (spec.runs.iter().filter(|_| spec.upstroke.is_some()))
-        .filter_map(|run| Some(run.upstroke_ms? - one_fibre_beat(&point(&run.parameters))?.time_points.t1_ms?))
-        .collect();
-    let later_ms = if later.is_empty() { 0.0 } else { later.iter().sum::<f64>() / later.len() as f64 };
     let cheap = |x: &[f64]| match one_fibre_beat(x) {
-        Some(beat) => {
-            let upstroke_ms = beat.time_points.t1_ms.map(|t| t + later_ms);
-            Trial { outcome: step1::outcome(&beat), also: spec.upstroke_residual(upstroke_ms).into_iter().collect() }
-        }
+        Some(beat) => Trial {
+            outcome: step1::outcome(&beat),
+            also: spec.upstroke_residual(beat.time_points.t1_ms).into_iter().collect(),
+        },
         None => Trial { outcome: Outcome::Failed, also: spec.upstroke_residual(None).into_iter().collect() },
     };
     let runs: Vec<Run> = (spec.runs.iter())
