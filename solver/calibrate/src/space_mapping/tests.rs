@@ -1,7 +1,10 @@
 use super::of_step1::FIRST_RADIUS;
 use super::trust::radius;
 use super::*;
-use crate::fixed_point::{Biomarker, Biomarkers, Bounds, Cost, Outcome, PARAMETERS, Parameter, Parameters, Settings};
+use crate::Interval;
+use crate::fixed_point::{
+    Biomarker, Biomarkers, Bounds, Cost, Outcome, PARAMETERS, Parameter, Parameters, Settings, Weights,
+};
 use proptest::prelude::*;
 
 const MEASURED: [f64; 6] = [120.0, 2.0, -1.8, 330.0, 80.0, 50.0];
@@ -165,6 +168,44 @@ fn a_beat_whose_valves_stay_shut_leads_on_by_its_pressure() {
     assert!(matches!(runs[1].outcome, Outcome::Simulated(_)), "{:?}", runs[1]);
     assert_eq!((proposals[1].base, proposals[2].base), (Some(0), Some(1)));
     assert!(cost(&runs[3]) < 0.1, "{}", cost(&runs[3]));
+}
+
+#[test]
+fn other_residuals_are_exact_at_the_best_run() {
+    // The cheap model's second residual vanishes at 1, the expensive one's at 1.5.
+    let simulated = |x: &[f64]| {
+        let mut found = Biomarkers::default();
+        found.set(Biomarker::ALL[0], Some(100.0 * x[0].exp()));
+        Outcome::Simulated(found)
+    };
+    let cheap = |x: &[f64]| Trial { outcome: simulated(x), also: vec![x[1] - 1.0] };
+    let mut measured = Biomarkers::default();
+    measured.set(Biomarker::ALL[0], Some(120.0));
+    let start = [0.0, 0.5];
+    let run = Run { x: start.to_vec(), outcome: simulated(&start), also: vec![start[1] - 1.5], predicted_misfit: None };
+    let local = crate::least_squares::Settings {
+        cost_tolerance: 1e-12,
+        step_tolerance: 1e-9,
+        max_steps: 50,
+        difference_step: 1e-4,
+    };
+    let problem = Problem {
+        measured: &measured,
+        weights: &Weights::of_uncertainty_percent(&[(Biomarker::ALL[0].key().to_owned(), 1.0)].into()),
+        runs: &[run],
+        start: &start,
+        intervals: &[Interval::new(-2.0, 2.0); 2],
+        prior: &[],
+        nearness: Nearness { at_first: 0.0, of_best: 0.0 },
+        expected: [1.0; 7],
+        first_radius: 3.0,
+        effort: Effort::Gradients { points: 8, best: 1, local },
+        seed: 1,
+    };
+    let proposal = super::propose(&problem, &cheap).expect("a proposal");
+    assert!((proposal.x[0] - 1.2_f64.ln()).abs() < 1e-4, "{:?}", proposal.x);
+    assert!((proposal.x[1] - 1.5).abs() < 1e-4, "{:?}", proposal.x);
+    assert!(proposal.misfit < 1e-6, "{}", proposal.misfit);
 }
 
 #[test]
