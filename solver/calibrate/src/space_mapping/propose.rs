@@ -136,6 +136,12 @@ fn found(outcome: &Outcome) -> Option<&Biomarkers> {
     }
 }
 
+/// What makes the cheap model's other residuals exact at a run; nothing where the cheap model cannot end its beat.
+fn shift(run: &Run, trial: &Trial) -> Vec<f64> {
+    let of_ended = found(&trial.outcome).is_some();
+    if of_ended { run.also.iter().zip(&trial.also).map(|(run, cheap)| run - cheap).collect() } else { Vec::new() }
+}
+
 /// Residuals and what is added to them; nothing is added beyond the end of `shift`.
 fn shifted(residuals: &[f64], shift: &[f64]) -> Vec<f64> {
     let shift = shift.iter().copied().chain(std::iter::repeat(0.0));
@@ -237,20 +243,17 @@ impl<'a> Search<'a> {
         let used: Vec<usize> = (0..runs.len())
             .filter(|i| self.is_whole(*i) == self.is_whole(base) && self.misfits[*i].is_some())
             .collect();
-        let factors = |i: usize| {
-            let x = runs[i].x.clone();
-            let cheap = (self.cheap)(&x).outcome;
-            match (found(&runs[i].outcome), found(&cheap)) {
-                (Some(expensive), Some(cheap)) => (x, logarithms(expensive, cheap)),
-                _ => (x, [None; super::correction::N]),
-            }
+        let trials: Vec<Trial> = used.iter().map(|i| (self.cheap)(&runs[*i].x)).collect();
+        let factors = |(run, trial): (&Run, &Trial)| match (found(&run.outcome), found(&trial.outcome)) {
+            (Some(expensive), Some(cheap)) => (run.x.clone(), logarithms(expensive, cheap)),
+            _ => (run.x.clone(), [None; super::correction::N]),
         };
-        let all: Vec<_> = used.iter().map(|i| factors(*i)).collect();
+        let all: Vec<_> = used.iter().map(|i| &runs[*i]).zip(&trials).map(factors).collect();
         let position = used.iter().position(|i| *i == base)?;
         let correction = Correction::of(position, &all, self.expected());
         let intervals = self.around(centre, radius);
         let start = Self::clamped(centre, &intervals);
-        let shift = self.shift(base);
+        let shift = shift(&runs[base], &trials[position]);
         let mut proposal =
             self.best(&correction, &shift, (centre, self.problem.nearness.of_best), &intervals, start)?;
         let step = proposal.x.iter().zip(centre).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
@@ -259,16 +262,8 @@ impl<'a> Search<'a> {
         proposal.step = Some(step);
         let is_measured = |(biomarker, _): &(Biomarker, f64)| self.problem.measured.get(*biomarker).is_some();
         proposal.correction = Biomarker::ALL.into_iter().zip(correction.factors()).filter(is_measured).collect();
-        proposal.cheap_beats += used.len() + 1;
+        proposal.cheap_beats += used.len();
         Some(proposal)
-    }
-
-    /// What makes the cheap model's other residuals exact at a run; nothing where it cannot end its beat.
-    fn shift(&self, run: usize) -> Vec<f64> {
-        let Run { x, also, .. } = &self.problem.runs[run];
-        let cheap = (self.cheap)(x);
-        let of_ended = found(&cheap.outcome).is_some();
-        if of_ended { also.iter().zip(&cheap.also).map(|(run, cheap)| run - cheap).collect() } else { Vec::new() }
     }
 
     /// No run ended: the start, then points between it and the first run.

@@ -48,26 +48,24 @@ pub fn run(spec: &Step3ProposalSpec, context: &mut Context) -> Result<TaskResult
     let named = |x: &[f64]| -> BTreeMap<String, f64> {
         axes.iter().zip(x).map(|(axis, x)| (axis.name.clone(), axis.value(*x))).collect()
     };
-    let one_fibre_beat = |x: &[f64]| {
+    let also = |upstroke_ms: Option<f64>| spec.upstroke_residual(upstroke_ms).into_iter().collect();
+    let cheap = |x: &[f64]| {
         let trial = beat.with_parameters(&named(x));
-        let may_be = is_sensitive(&trial, spec.lambda_max);
-        if may_be { reduced_beat(&trial, &passive, &activation).ok().flatten() } else { None }
+        let sensitive = is_sensitive(&trial, spec.lambda_max);
+        let simulated = if sensitive { reduced_beat(&trial, &passive, &activation).ok().flatten() } else { None };
+        Trial {
+            outcome: simulated.as_ref().map_or(Outcome::Failed, step1::outcome),
+            also: also(simulated.and_then(|beat| beat.time_points.t1_ms)),
+        }
     };
     let point = |values: &BTreeMap<String, f64>| -> Vec<f64> {
         axes.iter().map(|axis| values.get(&axis.name).map_or(axis.prior.centre, |v| v.abs().ln())).collect()
-    };
-    let cheap = |x: &[f64]| match one_fibre_beat(x) {
-        Some(beat) => Trial {
-            outcome: step1::outcome(&beat),
-            also: spec.upstroke_residual(beat.time_points.t1_ms).into_iter().collect(),
-        },
-        None => Trial { outcome: Outcome::Failed, also: spec.upstroke_residual(None).into_iter().collect() },
     };
     let runs: Vec<Run> = (spec.runs.iter())
         .map(|run| Run {
             x: point(&run.parameters),
             outcome: run.biomarkers.as_ref().map_or(Outcome::Failed, |b| step1::told(b, run.whole_beat)),
-            also: spec.upstroke_residual(run.upstroke_ms).into_iter().collect(),
+            also: also(run.upstroke_ms),
             predicted_misfit: run.predicted_misfit,
         })
         .collect();
