@@ -25,10 +25,15 @@ pub const CRATES: &[Rule] = &[
         why: "beats are made of recordings without any model of a heart; validation only in tests and examples",
     },
     Rule { who: "mesh", may: &["units"], why: "a mesh knows no material, load or task, so any solver can stand on it" },
-    Rule { who: "models", may: &["units", "signals"], why: "models know no task, queue or file of a patient" },
+    Rule { who: "vector-math", may: &[], why: "the cell's batches and the organ's groups share one exp and one ln" },
+    Rule {
+        who: "models",
+        may: &["units", "signals", "vector-math"],
+        why: "models know no task, queue or file of a patient",
+    },
     Rule {
         who: "cell-engine",
-        may: &["units", "models"],
+        may: &["units", "vector-math", "models"],
         why: "the kernels know neither organ nor task; models only in its tests, as an independent cell",
     },
     Rule {

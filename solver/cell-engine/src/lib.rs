@@ -20,7 +20,6 @@ mod engine;
 mod input;
 mod kink;
 mod lanes;
-mod math;
 mod model;
 mod output;
 mod periodic;

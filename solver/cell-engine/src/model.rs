@@ -7,7 +7,7 @@
 
 use crate::input::Constants;
 use crate::lanes::lanes;
-use crate::math::{exp, fma, ln_ratios, max, min};
+use cardiotwin_vector_math::{exp, fma, ln_ratios, max, min};
 
 /// Stretch at which the slope of h jumps.
 pub const KINK: f64 = 0.87;

@@ -3,9 +3,9 @@
 
 use crate::input::{ConstantLanes, Constants};
 use crate::lanes::{LANES, lanes};
-use crate::math::{exp, fma, ln_ratios, max, min};
 use crate::model::{KINK, State, StateLanes, overlap};
 use crate::step::{FloorLanes, Floors, PEAK_SHARE};
+use cardiotwin_vector_math::{exp, fma, ln_ratios, max, min};
 
 /// Steps of the bracketing root search. The start needs to be near, not exact: C_V closes the balance.
 const SEARCH_STEPS: usize = 10;

@@ -3,9 +3,9 @@
 use crate::calcium::SampledCalcium;
 use crate::input::{ConstantLanes, Constants};
 use crate::lanes::{LANES, lanes};
-use crate::math::{exp, fma, max, min};
 use crate::model::{Eliminated, EliminatedLanes, KINK, Kinks, Slopes, State, StateLanes, linearise, rates};
 use crate::tableau::{A2, A3, A4, A5, C2, C3, D, G2, G3, G4, G5, G6, GAMMA};
+use cardiotwin_vector_math::{exp, fma, max, min};
 
 /// How near to the kink a step must end to count as ending on it.
 pub const ON_KINK: f64 = 1e-6;

@@ -1,7 +1,7 @@
 //! A beat as the nodes that the steps left, and its values on the 1 ms grid.
 
-use crate::math::{max, min};
 use crate::model::Slopes;
+use cardiotwin_vector_math::{max, min};
 
 /// One end of a step. Where the rate jumps, two nodes stand at the same time.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -1,7 +1,7 @@
 //! Land 2017 active stress of a human cardiomyocyte (Jung 2022, eqs. A4-A14), driven by calcium, stretch and its rate.
 
 use super::land2017_step;
-use super::{ActiveStress, Contraction, ContractionError, NodeStep};
+use super::{ActiveStress, Contraction, ContractionError, NodeStep, UniformStep};
 use cardiotwin_units::{Kpa, MicroMolar, Stretch};
 use serde::{Deserialize, Serialize};
 
@@ -272,6 +272,16 @@ impl Contraction for Land2017 {
 
     fn try_step(&self, step: &NodeStep, state: &[f64], trial: &mut [f64]) -> Result<ActiveStress, ContractionError> {
         land2017_step::try_step(self, step, state, trial)
+    }
+
+    fn try_step_uniform(
+        &self,
+        step: &UniformStep<'_>,
+        states: &[f64],
+        trials: &mut [f64],
+        stress: &mut [ActiveStress],
+    ) -> Result<(), ContractionError> {
+        land2017_step::try_step_uniform(self, step, states, trials, stress)
     }
 }
 

@@ -3,12 +3,22 @@
 //! SDIRK2 (Alexander 1977, γ = 1 − 1/√2, stiffly accurate). Given calcium and stretch, each stage is a chain of linear
 //! problems: troponin, then the distortions, then the three bridge states. The derivative with respect to the candidate
 //! stretch is carried along beside every value, so that Newton in the organ sees the model's whole answer.
+//!
+//! The step of one node has no branches: the nodes that share a stretch are lanes of SIMD vectors. Products are not
+//! fused with sums, so that every processor gives the same bits.
+
+use cardiotwin_vector_math::{exp, ln_ratio, max};
+use pulp::{Arch, Simd, WithSimd};
 
 use super::land2017::Land2017;
-use super::{ActiveStress, ContractionError, NodeStep};
+use super::{ActiveStress, ContractionError, NodeStep, UniformStep};
 
 /// γ of the method, 1 − 1/√2.
 const GAMMA: f64 = 1.0 - std::f64::consts::FRAC_1_SQRT_2;
+/// Nodes that advance together: two vectors of eight, so that one hides the latency of the other.
+const LANES: usize = 16;
+/// States of a node.
+const N: usize = 6;
 
 /// A value and its derivative with respect to the candidate stretch.
 #[derive(Clone, Copy, Default)]
@@ -21,84 +31,149 @@ impl Dual {
     const fn fixed(v: f64) -> Self {
         Self { v, d: 0.0 }
     }
-    fn plus(self, other: Self, factor: f64) -> Self {
-        Self { v: self.v + factor * other.v, d: self.d + factor * other.d }
-    }
 }
 
-/// Solves the 3 × 3 system `m x = b` by Cramer's rule for two right-hand sides at once.
-fn solve3(m: &[[f64; 3]; 3], b: &[f64; 3], inverse: &mut [[f64; 3]; 3]) -> [f64; 3] {
-    let minor = |r0: usize, r1: usize, c0: usize, c1: usize| m[r0][c0] * m[r1][c1] - m[r0][c1] * m[r1][c0];
-    let c = [
-        [minor(1, 2, 1, 2), -minor(0, 2, 1, 2), minor(0, 1, 1, 2)],
-        [-minor(1, 2, 0, 2), minor(0, 2, 0, 2), -minor(0, 1, 0, 2)],
-        [minor(1, 2, 0, 1), -minor(0, 2, 0, 1), minor(0, 1, 0, 1)],
-    ];
-    let det = m[0][0] * c[0][0] + m[0][1] * c[1][0] + m[0][2] * c[2][0];
-    let scale = 1.0 / det;
-    *inverse = c.map(|row| row.map(|x| x * scale));
-    apply3(inverse, b)
-}
-
-fn apply3(m: &[[f64; 3]; 3], b: &[f64; 3]) -> [f64; 3] {
-    m.map(|row| row[0] * b[0] + row[1] * b[1] + row[2] * b[2])
-}
-
-/// Solves `x = base + gh f(x)` for one stage; `base` and the result are the six states with their derivatives.
-fn stage(
-    cell: &Land2017,
-    base: &[Dual; 6],
+/// What all nodes of a step share.
+#[derive(Clone, Copy)]
+struct Shared {
+    cell: Land2017,
+    /// γ times the step's length \[ms\].
     gh: f64,
-    ca_um: f64,
-    lambda: Dual,
+    /// Rate of the stretch \[1/ms\].
     rate: Dual,
-) -> Result<[Dual; 6], ContractionError> {
-    let p = &cell.p;
-    let (ca50, dca50) = cell.ca50(lambda.v);
-    if !(ca50 > 0.0 && ca_um > 0.0) {
-        return Err(ContractionError::Sensitivity { ca50_um: ca50, lambda: lambda.v });
+    /// Ca50 at the two stages \[µM\].
+    ca50: [Dual; 2],
+    /// Stress per pull \[kPa\].
+    scale: Dual,
+}
+
+impl Shared {
+    fn new(cell: &Land2017, dt_ms: f64, lambda_prev: f64, lambda: f64) -> Result<Self, ContractionError> {
+        for lambda in [lambda, lambda_prev] {
+            if !(lambda > 0.0 && lambda.is_finite()) {
+                return Err(ContractionError::Stretch { lambda });
+            }
+        }
+        let sensitivity = |lambda: f64, share: f64| {
+            let (v, slope) = cell.ca50(lambda);
+            if v > 0.0 {
+                Ok(Dual { v, d: slope * share })
+            } else {
+                Err(ContractionError::Sensitivity { ca50_um: v, lambda })
+            }
+        };
+        let (overlap, doverlap) = cell.overlap(lambda);
+        Ok(Self {
+            cell: *cell,
+            gh: GAMMA * dt_ms,
+            rate: Dual { v: (lambda - lambda_prev) / dt_ms, d: 1.0 / dt_ms },
+            ca50: [sensitivity(lambda_prev + GAMMA * (lambda - lambda_prev), GAMMA)?, sensitivity(lambda, 1.0)?],
+            scale: Dual { v: cell.stress_scale * overlap, d: cell.stress_scale * doverlap },
+        })
     }
-    let r = (p.n_trpn * (ca_um / ca50).ln()).exp();
-    let dr = -p.n_trpn * r / ca50 * dca50 * lambda.d;
 
-    // Troponin: linear in its state.
-    let k = gh * p.k_trpn_per_ms;
-    let denominator = 1.0 / (1.0 + k * (r + 1.0));
-    let trpn = (base[0].v + k * r) * denominator;
-    let dtrpn = (base[0].d + k * dr * (1.0 - trpn)) * denominator;
+    /// Solves `x = base + gh f(x)` for one stage; `base` and the result are the six states with their derivatives.
+    #[inline(always)]
+    fn stage(&self, base: [Dual; N], ca_um: f64, ca50: Dual) -> [Dual; N] {
+        let Self { cell, gh, rate, .. } = *self;
+        let p = cell.p;
+        let r = exp::<false>(p.n_trpn * ln_ratio::<false>(ca_um, ca50.v));
+        let dr = -p.n_trpn * r / ca50.v * ca50.d;
 
-    // Distortions.
-    let distort = |base: Dual, c: f64| {
-        let scale = 1.0 / (1.0 + gh * c);
-        Dual { v: (base.v + gh * cell.a * rate.v) * scale, d: (base.d + gh * cell.a * rate.d) * scale }
-    };
-    let zeta_w = distort(base[4], cell.c_w);
-    let zeta_s = distort(base[5], cell.c_s);
+        // Troponin: linear in its state.
+        let k = gh * p.k_trpn_per_ms;
+        let denominator = 1.0 / (1.0 + k * (r + 1.0));
+        let trpn = (base[0].v + k * r) * denominator;
+        let dtrpn = (base[0].d + k * dr * (1.0 - trpn)) * denominator;
 
-    // Bridges: linear in (B, W, S) with these coefficients.
-    let (down, ddown, up, dup) = cell.blocking(trpn);
-    let (gamma_wu, dgamma_wu) = cell.gamma_wu(zeta_w.v);
-    let (gamma_su, dgamma_su) = cell.gamma_su(zeta_s.v);
-    let (unblock, block) = (cell.k_b * down, p.k_u_per_ms * up);
-    let matrix = [
-        [1.0 + gh * (unblock + block), gh * unblock, gh * unblock],
-        [gh * p.k_uw_per_ms, 1.0 + gh * (p.k_uw_per_ms + cell.k_wu + p.k_ws_per_ms + gamma_wu), gh * p.k_uw_per_ms],
-        [0.0, -gh * p.k_ws_per_ms, 1.0 + gh * (cell.k_su + gamma_su)],
-    ];
-    let mut inverse = [[0.0; 3]; 3];
-    let [b, w, s] =
-        solve3(&matrix, &[base[1].v + gh * unblock, base[2].v + gh * p.k_uw_per_ms, base[3].v], &mut inverse);
-    let dunblock = cell.k_b * ddown * dtrpn;
-    let dblock = p.k_u_per_ms * dup * dtrpn;
-    let [db, dw, ds] = apply3(
-        &inverse,
-        &[
+        // Distortions.
+        let (scale_w, scale_s) = (1.0 / (1.0 + gh * cell.c_w), 1.0 / (1.0 + gh * cell.c_s));
+        let distort = |base: Dual, scale: f64| Dual {
+            v: (base.v + gh * cell.a * rate.v) * scale,
+            d: (base.d + gh * cell.a * rate.d) * scale,
+        };
+        let (zeta_w, zeta_s) = (distort(base[4], scale_w), distort(base[5], scale_s));
+
+        // Bridges: linear in (B, W, S), by Cramer's rule for two right-hand sides at once.
+        let (down, ddown, up, dup) = blocking(&cell, trpn);
+        let (gamma_wu, dgamma_wu) = cell.gamma_wu(zeta_w.v);
+        let (gamma_su, dgamma_su) = gamma_su(p.gamma_s_per_ms, zeta_s.v);
+        let m00 = 1.0 + gh * (cell.k_b * down + p.k_u_per_ms * up);
+        let m01 = gh * (cell.k_b * down);
+        let m10 = gh * p.k_uw_per_ms;
+        let m11 = 1.0 + gh * (p.k_uw_per_ms + cell.k_wu + p.k_ws_per_ms + gamma_wu);
+        let m21 = -gh * p.k_ws_per_ms;
+        let m22 = 1.0 + gh * (cell.k_su + gamma_su);
+        // First row (m00, m01, m01), second (m10, m11, m10), third (0, m21, m22).
+        let (c00, c01, c02) = (m11 * m22 - m10 * m21, -(m01 * m22 - m01 * m21), m01 * m10 - m01 * m11);
+        let (c10, c11, c12) = (-(m10 * m22), m00 * m22, -(m00 * m10 - m01 * m10));
+        let (c20, c21, c22) = (m10 * m21, -(m00 * m21), m00 * m11 - m01 * m10);
+        let inverse = 1.0 / (m00 * c00 + m01 * c10 + m01 * c20);
+        let solve = |x: f64, y: f64, z: f64| {
+            let product = |a: f64, b: f64, c: f64| inverse * a * x + inverse * b * y + inverse * c * z;
+            (product(c00, c01, c02), product(c10, c11, c12), product(c20, c21, c22))
+        };
+        let (b, w, s) = solve(base[1].v + m01, base[2].v + m10, base[3].v);
+        let dunblock = cell.k_b * ddown * dtrpn;
+        let dblock = p.k_u_per_ms * dup * dtrpn;
+        let (db, dw, ds) = solve(
             base[1].d + gh * (dunblock * (1.0 - b - w - s) - dblock * b),
             base[2].d - gh * dgamma_wu * zeta_w.d * w,
             base[3].d - gh * dgamma_su * zeta_s.d * s,
-        ],
-    );
-    Ok([Dual { v: trpn, d: dtrpn }, Dual { v: b, d: db }, Dual { v: w, d: dw }, Dual { v: s, d: ds }, zeta_w, zeta_s])
+        );
+        [Dual { v: trpn, d: dtrpn }, Dual { v: b, d: db }, Dual { v: w, d: dw }, Dual { v: s, d: ds }, zeta_w, zeta_s]
+    }
+
+    /// One node's step from `state`: its end and its stress.
+    #[inline(always)]
+    fn step(&self, state: [f64; N], ca_start_um: f64, ca_end_um: f64) -> ([f64; N], ActiveStress) {
+        let [c, b, w, s, zeta_w, zeta_s] = state;
+        let start =
+            [Dual::fixed(c), Dual::fixed(b), Dual::fixed(w), Dual::fixed(s), Dual::fixed(zeta_w), Dual::fixed(zeta_s)];
+        let ca_between = ca_start_um + GAMMA * (ca_end_um - ca_start_um);
+        let first = self.stage(start, ca_between, self.ca50[0]);
+        // h f(first) follows from the stage equation itself.
+        let share = (1.0 - GAMMA) / GAMMA;
+        let further = |from: Dual, to: Dual| Dual { v: from.v + share * (to.v - from.v), d: share * to.d };
+        let base = [
+            further(start[0], first[0]),
+            further(start[1], first[1]),
+            further(start[2], first[2]),
+            further(start[3], first[3]),
+            further(start[4], first[4]),
+            further(start[5], first[5]),
+        ];
+        let end = self.stage(base, ca_end_um, self.ca50[1]);
+        let [c, b, w, s, zeta_w, zeta_s] = end;
+        let pull = (zeta_s.v + 1.0) * s.v + zeta_w.v * w.v;
+        let dpull = zeta_s.d * s.v + (zeta_s.v + 1.0) * s.d + zeta_w.d * w.v + zeta_w.v * w.d;
+        let stress =
+            ActiveStress { sa_kpa: self.scale.v * pull, dsa_dlambda_kpa: self.scale.d * pull + self.scale.v * dpull };
+        ([c.v, b.v, w.v, s.v, zeta_w.v, zeta_s.v], stress)
+    }
+}
+
+/// As [`Land2017::blocking`], without branches.
+#[inline(always)]
+fn blocking(cell: &Land2017, ca_trpn: f64) -> (f64, f64, f64, f64) {
+    let half = 0.5 * cell.p.n_tm;
+    // A floor far below any resting occupancy: an overshooting trial stage must give a bad step, not a NaN.
+    let x = max(ca_trpn, 1e-9);
+    let up = exp::<false>(half * ln_ratio::<false>(x, 1.0));
+    let down = 1.0 / up;
+    let slope = half / x;
+    let is_capped = cell.p.cap_unblocking & (down > 100.0);
+    let ddown = if is_capped { 0.0 } else { -down * slope };
+    (if is_capped { 100.0 } else { down }, ddown, up, up * slope)
+}
+
+/// As [`Land2017::gamma_su`], without branches.
+#[inline(always)]
+fn gamma_su(gamma_s: f64, zeta: f64) -> (f64, f64) {
+    let slope = if zeta > 0.0 { gamma_s } else { 0.0 };
+    let slope = if zeta < -1.0 { -gamma_s } else { slope };
+    let excess = if zeta < -1.0 { zeta + 1.0 } else { zeta };
+    (slope * excess, slope)
 }
 
 /// See [`super::Contraction::try_step`].
@@ -108,38 +183,100 @@ pub(super) fn try_step(
     state: &[f64],
     trial: &mut [f64],
 ) -> Result<ActiveStress, ContractionError> {
-    for lambda in [step.lambda, step.lambda_prev] {
-        if !(lambda > 0.0 && lambda.is_finite()) {
-            return Err(ContractionError::Stretch { lambda });
-        }
+    let shared = Shared::new(cell, step.dt_ms, step.lambda_prev, step.lambda)?;
+    if !(step.ca_start_um > 0.0 && step.ca_end_um > 0.0) {
+        return Err(ContractionError::Sensitivity { ca50_um: shared.ca50[1].v, lambda: step.lambda });
     }
-    let h = step.dt_ms;
-    let gh = GAMMA * h;
-    let start: [Dual; 6] = std::array::from_fn(|i| Dual::fixed(state[i]));
-    let rate = Dual { v: (step.lambda - step.lambda_prev) / h, d: 1.0 / h };
-    let between = Dual { v: step.lambda_prev + GAMMA * (step.lambda - step.lambda_prev), d: GAMMA };
-    let ca_between = step.ca_start_um + GAMMA * (step.ca_end_um - step.ca_start_um);
-
-    let first = stage(cell, &start, gh, ca_between, between, rate)?;
-    // h f(first) follows from the stage equation itself.
-    let base: [Dual; 6] = std::array::from_fn(|i| start[i].plus(first[i].plus(start[i], -1.0), (1.0 - GAMMA) / GAMMA));
-    let end = stage(cell, &base, gh, step.ca_end_um, Dual { v: step.lambda, d: 1.0 }, rate)?;
-
-    let [_, _, w, s, zeta_w, zeta_s] = end;
-    let (overlap, doverlap) = cell.overlap(step.lambda);
-    let pull = (zeta_s.v + 1.0) * s.v + zeta_w.v * w.v;
-    let dpull = zeta_s.d * s.v + (zeta_s.v + 1.0) * s.d + zeta_w.d * w.v + zeta_w.v * w.d;
-    let stress = ActiveStress {
-        sa_kpa: cell.stress_scale * overlap * pull,
-        dsa_dlambda_kpa: cell.stress_scale * (doverlap * pull + overlap * dpull),
-    };
-    for (out, value) in trial.iter_mut().zip(&end) {
-        *out = value.v;
-    }
-    if !(stress.sa_kpa.is_finite() && stress.dsa_dlambda_kpa.is_finite() && trial.iter().all(|x| x.is_finite())) {
+    let (end, stress) = shared.step(std::array::from_fn(|i| state[i]), step.ca_start_um, step.ca_end_um);
+    trial.copy_from_slice(&end);
+    if !(is_finite(&stress) && trial.iter().all(|x| x.is_finite())) {
         return Err(ContractionError::NotFinite { since_activation_ms: step.since_activation_ms, lambda: step.lambda });
     }
     Ok(stress)
+}
+
+fn is_finite(stress: &ActiveStress) -> bool {
+    stress.sa_kpa.is_finite() && stress.dsa_dlambda_kpa.is_finite()
+}
+
+/// States, calcium and results of the nodes that advance together.
+#[repr(align(64))]
+struct Block {
+    states: [[f64; LANES]; N],
+    ca_start_um: [f64; LANES],
+    ca_end_um: [f64; LANES],
+    stress: [[f64; LANES]; 2],
+}
+
+/// A step of a block, to be compiled for each instruction set.
+struct BlockStep<'a> {
+    block: &'a mut Block,
+    shared: &'a Shared,
+}
+
+impl WithSimd for BlockStep<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        let Block { states: [c, b, w, s, zeta_w, zeta_s], ca_start_um, ca_end_um, stress: [sa, dsa] } = self.block;
+        let shared = *self.shared;
+        for lane in 0..LANES {
+            let state = [c[lane], b[lane], w[lane], s[lane], zeta_w[lane], zeta_s[lane]];
+            let (end, stress) = shared.step(state, ca_start_um[lane], ca_end_um[lane]);
+            [c[lane], b[lane], w[lane], s[lane], zeta_w[lane], zeta_s[lane]] = end;
+            (sa[lane], dsa[lane]) = (stress.sa_kpa, stress.dsa_dlambda_kpa);
+        }
+    }
+}
+
+/// See [`super::Contraction::try_step_uniform`]: the same bits as node after node.
+pub(super) fn try_step_uniform(
+    cell: &Land2017,
+    step: &UniformStep<'_>,
+    states: &[f64],
+    trials: &mut [f64],
+    stress: &mut [ActiveStress],
+) -> Result<(), ContractionError> {
+    let shared = Shared::new(cell, step.dt_ms, step.lambda_prev, step.lambda)?;
+    let n = stress.len();
+    let mut block = Block {
+        states: [[0.0; LANES]; N],
+        ca_start_um: [0.0; LANES],
+        ca_end_um: [0.0; LANES],
+        stress: [[0.0; LANES]; 2],
+    };
+    let arch = Arch::new();
+    for first in (0..n).step_by(LANES) {
+        let n_here = LANES.min(n - first);
+        for lane in 0..LANES {
+            // Lanes beyond the last node repeat it.
+            let node = first + lane.min(n_here - 1);
+            for i in 0..N {
+                block.states[i][lane] = states[node * N + i];
+            }
+            block.ca_start_um[lane] = step.ca_start_um[node];
+            block.ca_end_um[lane] = step.ca_end_um[node];
+        }
+        arch.dispatch(BlockStep { block: &mut block, shared: &shared });
+        for lane in 0..n_here {
+            let node = first + lane;
+            for i in 0..N {
+                trials[node * N + i] = block.states[i][lane];
+            }
+            stress[node] = ActiveStress { sa_kpa: block.stress[0][lane], dsa_dlambda_kpa: block.stress[1][lane] };
+        }
+    }
+    let calcium = step.ca_start_um.iter().chain(step.ca_end_um);
+    if stress.iter().all(is_finite) && trials.iter().all(|x| x.is_finite()) && calcium.into_iter().all(|ca| *ca > 0.0) {
+        return Ok(());
+    }
+    // Node after node for the first one that fails.
+    for (node, out) in stress.iter_mut().enumerate() {
+        let range = node * N..(node + 1) * N;
+        *out = try_step(cell, &step.node(node), &states[range.clone()], &mut trials[range])?;
+    }
+    Ok(())
 }
 
 #[cfg(test)]
@@ -258,7 +395,60 @@ mod tests {
         assert!(matches!(far.try_step(&long, &STATE, &mut trial), Err(ContractionError::Sensitivity { .. })));
     }
 
+    #[test]
+    fn nodes_of_one_stretch_step_as_each_alone_to_the_bit() {
+        let land = cell(Land2017Parameters::default());
+        for n in [1, 7, 16, 32, 37] {
+            let ca: Vec<f64> = (0..n).map(|i| 0.1 + 0.02 * i as f64).collect();
+            let ca_end: Vec<f64> = ca.iter().map(|ca| 1.05 * ca).collect();
+            let since = vec![60.0; n];
+            let states: Vec<f64> = (0..n).flat_map(|i| STATE.map(|x| x * (1.0 - 0.01 * i as f64))).collect();
+            let step = UniformStep {
+                dt_ms: 1.0,
+                lambda_prev: 0.97,
+                lambda: 0.967,
+                since_activation_ms: &since,
+                ca_start_um: &ca,
+                ca_end_um: &ca_end,
+            };
+            let (mut trials, mut stress) = (vec![0.0; 6 * n], vec![ActiveStress::default(); n]);
+            land.try_step_uniform(&step, &states, &mut trials, &mut stress).unwrap();
+            for (node, stress) in stress.iter().enumerate() {
+                let (range, mut trial) = (6 * node..6 * node + 6, [0.0; 6]);
+                let alone = land.try_step(&step.node(node), &states[range.clone()], &mut trial).unwrap();
+                assert_eq!((alone, &trial[..]), (*stress, &trials[range]), "node {node} of {n}");
+            }
+        }
+    }
+
+    #[test]
+    fn the_first_node_that_fails_is_named() {
+        let land = cell(Land2017Parameters::default());
+        let (ca, states) = ([0.3, 0.3, -1.0], STATE.repeat(3));
+        let step = UniformStep {
+            dt_ms: 1.0,
+            lambda_prev: 0.97,
+            lambda: 0.967,
+            since_activation_ms: &[60.0; 3],
+            ca_start_um: &ca,
+            ca_end_um: &ca,
+        };
+        let (mut trials, mut stress) = ([0.0; 18], [ActiveStress::default(); 3]);
+        let error = land.try_step_uniform(&step, &states, &mut trials, &mut stress).unwrap_err();
+        assert!(matches!(error, ContractionError::Sensitivity { .. }), "{error:?}");
+    }
+
     proptest! {
+        #[test]
+        fn kernels_without_branches_are_the_model_s(ca_trpn in 1e-4..1.0f64, zeta in -3.0..2.0f64, capped in any::<bool>()) {
+            let land = cell(Land2017Parameters { cap_unblocking: capped, ..Default::default() });
+            let (got, want) = (blocking(&land, ca_trpn), land.blocking(ca_trpn));
+            for (got, want) in [(got.0, want.0), (got.1, want.1), (got.2, want.2), (got.3, want.3)] {
+                prop_assert!((got - want).abs() <= 1e-13 * want.abs(), "{got} {want}");
+            }
+            prop_assert_eq!(gamma_su(land.p.gamma_s_per_ms, zeta), land.gamma_su(zeta));
+        }
+
         #[test]
         fn tangent_is_the_slope(
             lambda in 0.75..1.15f64, lambda_prev in 0.75..1.15f64, dt in 0.05..2.0f64, ca in 0.1..1.0f64,

@@ -9,24 +9,28 @@
 const ROUND: f64 = 6_755_399_441_055_744.0; // 1.5 · 2^52
 
 /// a·b + c, fused where the target can.
+#[must_use]
 #[inline(always)]
 pub fn fma<const FMA: bool>(a: f64, b: f64, c: f64) -> f64 {
     if FMA { a.mul_add(b, c) } else { a * b + c }
 }
 
 /// The larger of two; the second when either is not a number.
+#[must_use]
 #[inline(always)]
 pub fn max(a: f64, b: f64) -> f64 {
     if a > b { a } else { b }
 }
 
 /// The smaller of two; the second when either is not a number.
+#[must_use]
 #[inline(always)]
 pub fn min(a: f64, b: f64) -> f64 {
     if a < b { a } else { b }
 }
 
 /// eˣ; the argument is cut to ±700, so that it neither overflows nor vanishes.
+#[must_use]
 #[inline(always)]
 pub fn exp<const FMA: bool>(x: f64) -> f64 {
     const LN2_HI: f64 = 6.931_471_803_691_238e-1;
@@ -51,12 +55,15 @@ pub fn exp<const FMA: bool>(x: f64) -> f64 {
 }
 
 /// ln(a/b) of two positive normal numbers.
-#[cfg(test)]
-fn ln_ratio<const FMA: bool>(a: f64, b: f64) -> f64 {
-    ln_ratios::<FMA>(a, b, 1.5, 2.5).0
+#[must_use]
+#[inline(always)]
+pub fn ln_ratio<const FMA: bool>(a: f64, b: f64) -> f64 {
+    let (k, b) = matched(a, b);
+    log::<FMA>(k, (a - b) / (a + b))
 }
 
 /// ln(a/b) and ln(c/d) of positive normal numbers, with one division for both.
+#[must_use]
 #[inline(always)]
 pub fn ln_ratios<const FMA: bool>(a: f64, b: f64, c: f64, d: f64) -> (f64, f64) {
     let (k1, b) = matched(a, b);
