@@ -182,6 +182,13 @@ pub struct ValveParameters {
 /// Names of the valves' forward resistances.
 pub const VALVE_PARAMETERS: [&str; 2] = ["R_AV_f_mmHg_s_per_mL", "R_MV_f_mmHg_s_per_mL"];
 
+/// Whether the organ with a cell has a parameter of this name: one of the cell's or of the valves'.
+#[must_use]
+pub fn is_parameter(name: &str) -> bool {
+    // The passive stress of a 0D cell: the organ has its own.
+    name != "a_p_kPa" && (CELL_PARAMETERS.contains(&name) || VALVE_PARAMETERS.contains(&name))
+}
+
 impl ValveParameters {
     /// The place of one of [`VALVE_PARAMETERS`]; none for another name.
     pub fn named_mut(&mut self, name: &str) -> Option<&mut f64> {

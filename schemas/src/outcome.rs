@@ -365,7 +365,7 @@ pub struct CellFitResult {
 pub struct CellSweepResult {
     /// Samples computed; all other counts are parts of it.
     pub n_samples: u64,
-    /// In their periodic state.
+    /// In their periodic state; of an organ: those whose beat ended.
     pub n_periodic: u64,
     /// Not periodic after the largest number of beats; their last beat is reported.
     pub n_not_periodic: u64,

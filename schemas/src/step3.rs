@@ -6,7 +6,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::biomarkers::{Biomarkers, TimePoints};
-use crate::organ::{CELL_PARAMETERS, VALVE_PARAMETERS, ValveParameters, cell_default};
+use crate::organ::{ValveParameters, cell_default};
 use crate::task::{MovedParameter, Upstroke};
 
 /// Step 3: parameters of the cell model and of the valves are moved until the organ with that cell meets the measured
@@ -126,13 +126,6 @@ impl Step3Settings {
     }
 }
 
-/// Whether step 3 can move a parameter of this name.
-#[must_use]
-pub fn can_move(name: &str) -> bool {
-    // The passive stress of a 0D cell: the organ has its own.
-    name != "a_p_kPa" && (CELL_PARAMETERS.contains(&name) || VALVE_PARAMETERS.contains(&name))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -143,7 +136,7 @@ mod tests {
         let moved = settings.moved(&ValveParameters::default());
         assert_eq!(moved.len(), settings.parameters.len());
         for (name, p) in moved {
-            assert!(can_move(&name) && p.lower < p.upper && p.log_sd > 0.0, "{name}");
+            assert!(crate::organ::is_parameter(&name) && p.lower < p.upper && p.log_sd > 0.0, "{name}");
             assert!(p.lower <= p.centre && p.centre <= p.upper && p.lower * p.upper > 0.0, "{name}: {p:?}");
         }
     }

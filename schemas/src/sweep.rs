@@ -5,7 +5,9 @@ use std::collections::BTreeMap;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::ids::PatientId;
 use crate::robustness::RobustnessSpec;
+use crate::task::OrganBeatSpec;
 
 /// `sweep.json` in the folder of a sweep, beside the run's database.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -25,7 +27,7 @@ pub struct SweepFile {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(tag = "kind", rename_all = "kebab-case")]
 pub enum SweepSpec {
-    /// Sobol sensitivity analysis of the 0D cell.
+    /// Sobol sensitivity analysis of the 0D cell, or of the organ with that cell.
     Gsa(Box<GsaSpec>),
     /// Robustness of personalisations.
     Robustness(Box<RobustnessSpec>),
@@ -42,7 +44,7 @@ impl SweepSpec {
     }
 }
 
-/// A Sobol sensitivity analysis of the 0D cell (Jung et al. 2022, section 2.4).
+/// A Sobol sensitivity analysis of the 0D cell (Jung et al. 2022, section 2.4), or of the organ with that cell.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct GsaSpec {
@@ -56,7 +58,7 @@ pub struct GsaSpec {
     pub analysis: GsaAnalysis,
 }
 
-/// A Saltelli design over parameters of the 0D cell, and the cell's other settings.
+/// A Saltelli design over parameters of the 0D cell, and the other settings of the cell or of the organ.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct CellDesign {
@@ -72,9 +74,36 @@ pub struct CellDesign {
     pub lambda_0: f64,
     /// Parameters outside of the design that differ from the cell's defaults.
     pub fixed: BTreeMap<String, f64>,
-    /// Tolerance of the cell engine.
+    /// Tolerance of the cell engine; an organ's beat does not use it.
     pub tolerance: f64,
+    /// The ventricle whose biomarkers are swept; absent: those of the cell.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub organ: Option<Box<SweptOrgan>>,
 }
+
+/// A patient's ventricle in a sensitivity analysis.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct SweptOrgan {
+    /// Whose.
+    pub patient: PatientId,
+    /// The beat that the samples differ from; of a finite-element ventricle the figures are used.
+    pub beat: OrganBeatSpec,
+}
+
+impl CellDesign {
+    /// Names of the biomarkers that are swept, as `samples.csv` has them.
+    #[must_use]
+    pub fn outputs(&self) -> &'static [&'static str] {
+        if self.organ.is_some() { &ORGAN_OUTPUTS } else { &CELL_OUTPUTS }
+    }
+}
+
+/// Biomarkers of the cell: the paper's five outputs.
+const CELL_OUTPUTS: [&str; 5] = ["Sa_max_kPa", "dSadt_max_kPa_per_ms", "STD30_ms", "STD50_ms", "STD90_ms"];
+/// Biomarkers of the organ: those that step 3 meets.
+const ORGAN_OUTPUTS: [&str; 7] =
+    ["P_max_mmHg", "dPdt_max_mmHg_per_ms", "dPdt_min_mmHg_per_ms", "PTD90_ms", "tau_VD_ms", "tau_VR_ms", "SV_mL"];
 
 /// First line of `samples.csv`, a chunk's artefact: a line a sample follows, in the design's order. Block and row count
 /// from 0; `cut` says that a duration lacks a crossing of its level within the beat; the rise is the steepest one after
@@ -82,11 +111,15 @@ pub struct CellDesign {
 pub const SAMPLES_HEADING: &str = "block,row,status,Sa_max_kPa,dSadt_max_kPa_per_ms,STD30_ms,STD50_ms,STD90_ms,cut,\
                                    lambda_min,Sa_res_kPa,Sa_min_kPa,rise_after_peak_kPa_per_ms,beats";
 
+/// The same of an organ: a biomarker that the beat does not have is empty; `shut` says that a valve did not open and close.
+pub const ORGAN_SAMPLES_HEADING: &str =
+    "block,row,status,P_max_mmHg,dPdt_max_mmHg_per_ms,dPdt_min_mmHg_per_ms,PTD90_ms,tau_VD_ms,tau_VR_ms,SV_mL,shut";
+
 /// A parameter and the interval that it is drawn from, in the unit that its name says.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SweptParameter {
-    /// One of the cell's names.
+    /// One of the cell's names, or of the valves' of an organ.
     pub name: String,
     /// Smallest value.
     pub lower: f64,

@@ -64,6 +64,45 @@ fn a_simulation_stands_alone_and_follows_the_run() {
 }
 
 #[test]
+fn a_treatment_of_a_twin_is_predicted_or_refused() {
+    let cohort = Cohort::quick();
+    let stent = "peripheral_resistance_mmHg_s_per_mL=-20%";
+    let predict = |more: &[&str]| cohort.call(&[&["predict"], more].concat());
+    predict(&["01-CoA", "--set", stent]).expect(5).complains_of(&["cardiotwin run"]);
+    cohort.call(&["run", "--no-report"]).expect(0);
+    predict(&["01-CoA", "--set", "P_max_mmHg=100"]).expect(2).complains_of(&["comes out of a beat"]);
+    predict(&["01-CoA", "--set", "wall_volume_mL=-5%"]).expect(2).complains_of(&["how a heart grows"]);
+    predict(&["01-CoA"]).expect(2).complains_of(&["--set"]);
+
+    let said = predict(&["01-CoA", "--set", stent, "--out", "stent", "--json"]);
+    let json: Value = serde_json::from_str(&said.out).unwrap();
+    let prediction = &json["predictions"][0];
+    let index = |name: &str, of: &str| {
+        let indices = prediction["indices"].as_array().unwrap();
+        indices.iter().find(|i| i["name"] == name).unwrap()[of].as_f64().unwrap()
+    };
+    assert!(index("aortic_mean_mmHg", "relative_change") < -0.05, "less afterload, less pressure: {prediction}");
+    assert!(index("SV_mL", "relative_change") > 0.02, "and more volume: {prediction}");
+    let patient = cohort.patient("01-CoA");
+    let number = patient["step3"]["best_iteration"].as_u64().unwrap_or_default();
+    let of_step3 = patient["step3_iterations"].as_array().into_iter().flatten().find(|i| i["number"] == number);
+    let twin = of_step3.map_or(&patient["verification"], |i| &i["run"]);
+    assert_eq!(index("SV_mL", "twin"), twin["result"]["biomarkers"]["SV_mL"].as_f64().unwrap());
+    assert_eq!(prediction["periodic"], true);
+    for name in ["01-CoA-before.csv", "01-CoA-after.csv", "01-CoA.svg", "01-CoA.json"] {
+        assert!(cohort.path().join("stent").join(name).exists(), "{name}");
+    }
+    let file = cohort.path().join("scenarios.toml");
+    std::fs::write(&file, format!("[stent]\nset = [\"{stent}\"]\n[none]\nset = [\"phi=+0%\"]\n")).unwrap();
+    let all = predict(&["--scenarios", "scenarios.toml", "--json"]);
+    let all: Value = serde_json::from_str(&all.out).unwrap();
+    let all = all["predictions"].as_array().unwrap();
+    assert_eq!(all.len(), 4, "two scenarios, two patients");
+    let unchanged = all.iter().filter(|p| p["scenario"] == "none").flat_map(|p| p["indices"].as_array().unwrap());
+    assert!(unchanged.clone().count() > 10 && unchanged.into_iter().all(|i| i["relative_change"] == 0.0));
+}
+
+#[test]
 fn a_new_cohort_is_made_and_checked() {
     let folder = tempfile::tempdir().unwrap();
     cardiotwin(folder.path(), &["init", "mine", "--name", "my cohort"]).expect(0);

@@ -8,7 +8,7 @@ use serde_json::Value;
 use tempfile::TempDir;
 
 use crate::schema;
-use crate::support::{Running, Said, cardiotwin, start};
+use crate::support::{Cohort, Running, Said, cardiotwin, start};
 
 /// A folder for sweeps.
 struct Place {
@@ -242,6 +242,30 @@ fn a_cancelled_sweep_ends_and_the_same_command_takes_it_up() {
     running.signal(Signal::INT);
     let said = running.end().expect(130);
     assert!(said.err.contains("are taken up again"), "{}", said.err);
+}
+
+#[test]
+fn an_organ_s_sensitivity_rests_on_the_patient_s_run() {
+    let cohort = Cohort::quick();
+    let gsa = |more: &[&str]| {
+        let all = ["sweep", "gsa", "--organ", "01-CoA", "--samples", "4", "--chunk-blocks", "2", "--resamples", "20"];
+        cohort.call(&[all.as_slice(), more].concat())
+    };
+    gsa(&[]).expect(5).complains_of(&["cardiotwin run"]);
+    cohort.call(&["run", "--no-report"]).expect(0);
+    let said = gsa(&["--json", "--select", "3", "--valves"]).expect(0).json();
+    let outputs = said["sensitivity"]["outputs"].as_array().unwrap();
+    assert_eq!(outputs.len(), 7, "{said}");
+    assert_eq!(said["sensitivity"]["ranking"].as_array().unwrap().len(), 23);
+    assert_eq!(said["sensitivity"]["samples"]["total"], 4 * 48);
+    let folder = cohort.path().join("gsa-01-CoA/results");
+    let settings = std::fs::read_to_string(folder.join("step3.toml")).unwrap();
+    assert!(settings.contains("[step3.bounds]"), "{settings}");
+    let page = std::fs::read_to_string(folder.join("report.html")).unwrap();
+    assert!(page.contains("Sensitivity of the organ of 01-CoA"));
+    let again = gsa(&["--json", "--valves"]).expect(0).json();
+    assert_eq!((again["chunks"]["published_now"].as_u64(), &again["sensitivity"]), (Some(0), &said["sensitivity"]));
+    gsa(&["--box", "paper"]).expect(2).complains_of(&["Smax_ref_kPa", "[90, 140]"]);
 }
 
 #[test]

@@ -15,6 +15,7 @@ use cardiotwin_worker::program::{code_of, log, make_folder, read_task, restartin
 use cardiotwin_worker::provenance::VERSION_TEXT;
 use cardiotwin_worker::run::{run_attempt, simulate};
 use cardiotwin_worker::stop::StopFlag;
+use cardiotwin_worker::tasks::proposal::in_one_fibre;
 use clap::{Parser, Subcommand, ValueEnum};
 use tracing::Level;
 
@@ -51,6 +52,9 @@ enum Command {
         /// Simulated ms between frames of a series of VTU files of a finite-element beat, in OUT/vtu; 0 for none
         #[arg(long, value_name = "MS", default_value_t = 0.0)]
         vtu_every: f64,
+        /// The one-fibre ventricle of the same volumes, pressure and activation in place of a beat's finite-element one
+        #[arg(long)]
+        one_fibre: bool,
         /// Go on from what this attempt's directory holds of the same search (step 2); settings that only say when a
         /// search ends may differ
         #[arg(long, value_name = "DIR")]
@@ -153,9 +157,10 @@ fn execute(command: Command) -> anyhow::Result<ExitCode> {
             log(if quiet { Level::WARN } else { Level::INFO });
             run_attempt(&directory, None, &stop, !quiet)?;
         }
-        Command::Simulate { spec, out, threads, instruction_set, vtu_every, restart, generation } => {
+        Command::Simulate { spec, out, threads, instruction_set, vtu_every, one_fibre, restart, generation } => {
             log(Level::INFO);
             let task = read_task(&spec)?;
+            let task = if one_fibre { in_one_fibre(task)? } else { task };
             make_folder(&out)?;
             let instruction_set = serde_json::from_value(instruction_set.clone().into()).with_context(|| {
                 format!("--instruction-set {instruction_set}: expected auto, portable, avx2 or avx512")

@@ -18,6 +18,7 @@ mod table;
 mod talk;
 #[cfg(test)]
 mod tests;
+mod ventricle;
 mod vtu;
 
 use std::process::ExitCode;
@@ -29,8 +30,8 @@ pub use exit::Exit;
 
 use commands::{
     advance, backup, bench, cancel, check, compare, completions, config, discover, doctor, drive, explain, export, fit,
-    housekeeping, init, logs, man, mesh, plan, prepare, report, rerun, retry, run, schemas, show, simulate, status,
-    sweep,
+    housekeeping, init, logs, man, mesh, plan, predict, prepare, report, rerun, retry, run, schemas, show, simulate,
+    status, sweep,
 };
 use logging::LogFormat;
 use talk::{ColourChoice, Talk};
@@ -73,6 +74,7 @@ enum Command {
     Plan(plan::PlanArgs),
     Advance(advance::AdvanceArgs),
     Simulate(simulate::SimulateArgs),
+    Predict(predict::PredictArgs),
     Status(status::StatusArgs),
     Show(show::ShowArgs),
     Explain(explain::ExplainArgs),
@@ -140,6 +142,7 @@ async fn execute(command: &Command, talk: &Talk) -> Result<Exit, CliError> {
         Command::Advance(args) => advance::execute(args, talk).await,
         Command::Drive(args) => drive::execute(args, talk).await,
         Command::Simulate(args) => simulate::execute(args, talk).await,
+        Command::Predict(args) => predict::execute(args, talk).await,
         Command::Status(args) => status::execute(args, talk).await,
         Command::Show(args) => show::execute(args, talk).await,
         Command::Explain(args) => explain::execute(args, talk).await,

@@ -5,10 +5,11 @@ use std::collections::BTreeMap;
 use cardiotwin_schemas::finite_element::{FiniteElementSettings, WallSettings};
 use cardiotwin_schemas::notices::NoticeSettings;
 use cardiotwin_schemas::organ::CELL_PARAMETERS;
+use cardiotwin_schemas::organ::is_parameter;
 use cardiotwin_schemas::settings::{
     CellFitSettings, STEP1_BIOMARKERS, STEP1_PARAMETERS, Settings, SolverSettings, Step1Settings,
 };
-use cardiotwin_schemas::step3::{Step3Settings, can_move};
+use cardiotwin_schemas::step3::Step3Settings;
 use cardiotwin_schemas::verdict::TwinTolerances;
 
 use super::external;
@@ -269,7 +270,7 @@ impl List {
         }
         self.within("step3.upstroke_sd_ms", step3.upstroke_sd_ms, 0.0, 1e3);
         for name in &step3.parameters {
-            if !can_move(name) {
+            if !is_parameter(name) {
                 let expected = "a parameter of the cell (but a_p_kPa) or of a valve";
                 self.add("step3.parameters", name.clone(), expected, "docs/step3.md lists them");
             } else if !step3.bounds.contains_key(name) {

@@ -1,12 +1,12 @@
 //! One conversion from specification to solver types per kind of task.
 
 pub mod cell_fit;
-pub mod cell_sweep;
 pub mod discover;
 pub mod noop;
 pub mod organ_beat;
 pub mod passive_state;
 pub mod proposal;
+pub mod sweep;
 pub mod targets;
 
 use cardiotwin_schemas::outcome::{Ending, TaskResult};
@@ -18,7 +18,7 @@ use crate::error::TaskError;
 /// Does the work of `task`. Every way in which it can end is an [`Ending`].
 pub fn run_task(task: &TaskSpec, context: &mut Context) -> Ending {
     let ending: Result<Ending, TaskError> = match task {
-        TaskSpec::CellSweep(spec) => cell_sweep::run(spec, context).map(succeeded),
+        TaskSpec::CellSweep(spec) => sweep::run(spec, context).map(succeeded),
         TaskSpec::Discover(spec) => discover::run(spec, context).map(succeeded),
         TaskSpec::Noop(spec) => noop::run(spec, context).map(succeeded),
         TaskSpec::PassiveState(spec) => passive_state::run(spec, context).map(succeeded),

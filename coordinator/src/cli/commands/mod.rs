@@ -20,6 +20,7 @@ pub mod logs;
 pub mod man;
 pub mod mesh;
 pub mod plan;
+pub mod predict;
 pub mod prepare;
 pub mod report;
 pub mod rerun;

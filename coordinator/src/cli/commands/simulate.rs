@@ -1,14 +1,9 @@
 //! `cardiotwin simulate`: one simulation of a patient's organ, outside of any run.
 
-use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
+use std::path::PathBuf;
 
-use cardiotwin_schemas::ids::PatientId;
 use cardiotwin_schemas::organ::{BeatCount, ContractionSpec};
-use cardiotwin_schemas::outcome::{Ending, OrganBeatResult, PassiveStateResult, TaskOutcome, TaskResult};
-use cardiotwin_schemas::plan::ResolvedPatient;
-use cardiotwin_schemas::record::PatientRecord;
-use cardiotwin_schemas::settings::CalciumSource;
+use cardiotwin_schemas::outcome::{Ending, OrganBeatResult, PassiveStateResult, TaskResult};
 use cardiotwin_schemas::task::{OrganBeatSpec, TaskSpec};
 use clap::Args;
 use serde::Serialize;
@@ -16,15 +11,14 @@ use serde_json::Value;
 
 use crate::cli::error::CliError;
 use crate::cli::exit::Exit;
-use crate::cli::place::{Folders, OfCohort};
-use crate::cli::problems;
-use crate::cli::store::stored_overrides;
+use crate::cli::place::OfCohort;
 use crate::cli::table::{Columns, optional, percent};
 use crate::cli::talk::{Talk, Tone, count};
+use crate::cli::ventricle::{AskedFor, Ventricle, ask_worker, describe, unexpected};
 use crate::cli::vtu::announcement;
-use crate::engine::{Reader, StoreError, contraction, find_worker};
-use crate::input::{self, Options, Report, nearest, value_from_text};
-use crate::results::{Biomarker, PatientView};
+use crate::engine::find_worker;
+use crate::input::{self, nearest, value_from_text};
+use crate::results::Biomarker;
 
 /// Most beats until a periodic simulation gives up, and what it calls periodic (mmHg and mL).
 const PERIODIC: BeatCount = BeatCount::Periodic { max: 100, tolerance: 0.05 };
@@ -88,25 +82,21 @@ struct Answer<'a> {
 /// # Errors
 /// [`CliError::Simulation`] where it diverged, [`CliError::Input`] for wrong input, [`CliError::Worker`].
 pub async fn execute(args: &SimulateArgs, talk: &Talk) -> Result<Exit, CliError> {
-    let folders = args.of.folders();
     let (settings, parameters): (Vec<String>, Vec<String>) =
         args.set.iter().cloned().partition(|set| set.split('=').next().is_some_and(|key| key.contains('.')));
-    let record = stored(&folders, &args.patient).await?;
-    let overrides = stored_overrides(&folders.run, &args.patient).await?;
-    let options = Options { only: vec![args.patient.clone()], set: settings, overrides, meshes: true };
-    let plan = plan(&folders, &options, record.as_ref(), talk)?;
     let worker = find_worker(args.worker.as_deref())?;
-    let scratch = tempfile::tempdir().map_err(CliError::file("make a folder in", std::env::temp_dir()))?;
-    let passive = passive_state(&plan, record.as_ref(), &worker, scratch.path())?;
-    let beats = args.beats.unwrap_or(BeatCount::Fixed { n: plan.settings.solver.beats });
-    let spec = specification(args, &plan, &passive, record.as_ref(), beats)?;
+    let ventricle = Ventricle::of(&args.of.folders(), &args.patient, settings, &worker, talk).await?;
+    let beats = args.beats.unwrap_or(BeatCount::Fixed { n: ventricle.plan.settings.solver.beats });
+    let spec = if args.cell { ventricle.beat_of_step2("--cell", beats)? } else { ventricle.beat_of_step1(beats) };
     let spec = with_parameters(spec, &parameters).map_err(CliError::Usage)?;
+    let scratch = tempfile::tempdir().map_err(CliError::file("make a folder in", std::env::temp_dir()))?;
     let out = args.out.clone().unwrap_or_else(|| scratch.path().join("beat"));
     let every_ms = args.vtu_every.unwrap_or(0.0);
-    if let Some(said) = announcement(&plan, every_ms) {
+    if let Some(said) = announcement(&ventricle.plan, every_ms) {
         talk.say(&said);
     }
-    let outcome = ask_worker(&worker, &TaskSpec::OrganBeat(Box::new(spec.clone())), &out, every_ms)?;
+    let outcome =
+        ask_worker(&worker, &TaskSpec::OrganBeat(Box::new(spec.clone())), &out, every_ms, AskedFor::TheOrgan)?;
     let traces = outcome.artefacts.iter().find(|a| a.name == "traces").map(|a| out.join(&a.file));
     let result = match outcome.ending {
         Ending::Succeeded { result } => match *result {
@@ -117,7 +107,7 @@ pub async fn execute(args: &SimulateArgs, talk: &Talk) -> Result<Exit, CliError>
     };
     let traces = traces.ok_or_else(|| unexpected(&worker))?;
     let text = std::fs::read_to_string(&traces).map_err(CliError::file("read", &traces))?;
-    let screen = screen(&result, &passive, talk);
+    let screen = screen(&result, &ventricle.passive, talk);
     if args.json {
         let (patient, traces) = (args.patient.as_str(), columns(&text));
         let schema_version = cardiotwin_schemas::SCHEMA_VERSION;
@@ -130,83 +120,6 @@ pub async fn execute(args: &SimulateArgs, talk: &Talk) -> Result<Exit, CliError>
         talk.data(&text)?;
     }
     Ok(if result.failed_check().is_some() { Exit::Problems } else { Exit::Ok })
-}
-
-/// What a run knows of the patient, where there is one.
-async fn stored(folders: &Folders, patient: &str) -> Result<Option<PatientRecord>, CliError> {
-    let reader = match Reader::open(&folders.run).await {
-        Ok(reader) => reader,
-        Err(StoreError::Missing { .. }) => return Ok(None),
-        Err(error) => return Err(error.into()),
-    };
-    match reader.patient_record(&PatientId::from(patient)).await {
-        Ok(record) => Ok(Some(record)),
-        Err(StoreError::NoPatient { .. }) if folders.cohort.is_some() => Ok(None),
-        Err(error) => Err(error.into()),
-    }
-}
-
-/// The patient as the files have it, or, where only a run was named, as the run has it.
-fn plan(
-    folders: &Folders,
-    options: &Options,
-    record: Option<&PatientRecord>,
-    talk: &Talk,
-) -> Result<ResolvedPatient, CliError> {
-    let Some(cohort) = &folders.cohort else {
-        return match record {
-            Some(record) if options.set.is_empty() => Ok(record.plan.clone()),
-            _ => Err(CliError::Usage("settings need the cohort: name it with --cohort".to_owned())),
-        };
-    };
-    let mut report = Report::default();
-    let plan = input::load(cohort, options, &mut report).and_then(|cohort| cohort.plans().pop());
-    let said = problems::text(&report, talk.colour_err);
-    if !said.is_empty() {
-        talk.say(said.trim_end());
-    }
-    plan.filter(|_| report.n_errors() == 0).ok_or_else(|| CliError::Input { errors: count(report.n_errors(), "error") })
-}
-
-/// The run's passive state where it is that of these inputs, else made now.
-fn passive_state(
-    plan: &ResolvedPatient,
-    record: Option<&PatientRecord>,
-    worker: &Path,
-    scratch: &Path,
-) -> Result<PassiveStateResult, CliError> {
-    let task = TaskSpec::PassiveState(Box::new(plan.step0_spec()));
-    if let Some(step0) = record.and_then(|record| record.step0.as_ref()).filter(|step0| step0.key == task.key()) {
-        return Ok(step0.result.clone());
-    }
-    match ask_worker(worker, &task, &scratch.join("passive-state"), 0.0)?.ending {
-        Ending::Succeeded { result } => match *result {
-            TaskResult::PassiveState(result) => Ok(result),
-            _ => Err(unexpected(worker)),
-        },
-        other => Err(CliError::Simulation { message: format!("passive state: {}", describe(&other)) }),
-    }
-}
-
-fn specification(
-    args: &SimulateArgs,
-    plan: &ResolvedPatient,
-    passive: &PassiveStateResult,
-    record: Option<&PatientRecord>,
-    beats: BeatCount,
-) -> Result<OrganBeatSpec, CliError> {
-    let best = record.and_then(|record| PatientView(record).best_iteration()).map(|iteration| iteration.parameters);
-    let (tanh, valves) = best.map_or((plan.settings.step1.initial, plan.settings.step1.valves), |p| (p.tanh, p.valves));
-    let contraction = if args.cell {
-        let fit = record.and_then(|record| record.cell_fit.as_ref()).ok_or_else(|| {
-            CliError::Usage(format!("--cell: step 2 of {} is not done; `cardiotwin run` does it", args.patient))
-        })?;
-        let fixed = plan.settings.step2.calcium == CalciumSource::MedianTrace;
-        contraction(plan, &fit.result, plan.calcium.clone().filter(|_| fixed))
-    } else {
-        ContractionSpec::Tanh { parameters: tanh }
-    };
-    Ok(plan.beat_spec(passive, contraction, valves, beats))
 }
 
 /// Puts `name=value` wherever the specification has a leaf of this name.
@@ -254,43 +167,6 @@ fn replace(value: &mut Value, name: &str, number: f64, known: &mut Vec<String>) 
         }
     }
     found
-}
-
-fn ask_worker(worker: &Path, task: &TaskSpec, out: &Path, vtu_every_ms: f64) -> Result<TaskOutcome, CliError> {
-    let said = |message: String| CliError::Worker { worker: worker.to_owned(), message };
-    std::fs::create_dir_all(out).map_err(CliError::file("make", out))?;
-    let spec = out.join("spec.json");
-    let text = serde_json::to_string_pretty(task).map_err(|error| said(error.to_string()))?;
-    std::fs::write(&spec, text).map_err(CliError::file("write", &spec))?;
-    let output = Command::new(worker)
-        .args(["simulate".as_ref(), spec.as_os_str(), "--out".as_ref(), out.as_os_str()])
-        .args(["--vtu-every", &vtu_every_ms.to_string()])
-        .stdin(Stdio::null())
-        .output()
-        .map_err(CliError::file("start", worker))?;
-    if !output.status.success() {
-        let words = String::from_utf8_lossy(&output.stderr);
-        return Err(said(format!("{}, {}", output.status, words.trim())));
-    }
-    let outcome = out.join("outcome.json");
-    std::fs::write(&outcome, &output.stdout).map_err(CliError::file("write", &outcome))?;
-    serde_json::from_slice(&output.stdout).map_err(|error| said(format!("an answer that is no outcome: {error}")))
-}
-
-fn unexpected(worker: &Path) -> CliError {
-    CliError::Worker {
-        worker: worker.to_owned(),
-        message: "an outcome of another task, or without its files".to_owned(),
-    }
-}
-
-fn describe(ending: &Ending) -> String {
-    match ending {
-        Ending::Diverged { last_good_ms, reason } => format!("diverged after {last_good_ms} ms: {reason}"),
-        Ending::Failed { failure } => format!("failed [{}]: {}", failure.class.as_str(), failure.message),
-        Ending::Cancelled => "stopped".to_owned(),
-        Ending::Succeeded { .. } => "succeeded".to_owned(),
-    }
 }
 
 /// Biomarkers beside the measured ones, then the checks.

@@ -481,6 +481,7 @@ fn element(number: u32) -> ResolvedPatient {
             lambda_0: 1.1,
             fixed: Default::default(),
             tolerance: 1e-4,
+            organ: None,
         },
         first_block: 8 * number,
         n_blocks: 8,

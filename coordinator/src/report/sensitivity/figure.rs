@@ -150,6 +150,7 @@ pub(super) mod tests {
             lambda_0: 1.1,
             fixed: Default::default(),
             tolerance: 1e-4,
+            organ: None,
         };
         SensitivityRecord {
             schema_version: 1,

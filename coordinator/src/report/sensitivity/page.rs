@@ -28,7 +28,7 @@ pub fn page(record: &SensitivityRecord) -> String {
     };
     let content = html! {
         div id="top" {}
-        h1 { "Sensitivity of the 0D cell" }
+        h1 { (title(record)) }
         p.lead { (summary(record)) }
         h2 id="indices" { "Indices" }
         p.key { span.first { "■ first-order index S1" } " " span.total { "■ total-effect index ST" } }
@@ -42,6 +42,13 @@ pub fn page(record: &SensitivityRecord) -> String {
         (basis(record))
     };
     page::page("sensitivity · cardiotwin", &nav, &content).into_string()
+}
+
+fn title(record: &SensitivityRecord) -> String {
+    match &record.spec.design.organ {
+        None => "Sensitivity of the 0D cell".to_owned(),
+        Some(organ) => format!("Sensitivity of the organ of {}", organ.patient),
+    }
 }
 
 fn summary(record: &SensitivityRecord) -> String {
@@ -64,12 +71,21 @@ fn ranking(record: &SensitivityRecord) -> Markup {
             thead { tr {
                 th { "rank" } th { "parameter" } th { "sum of ST" } th { "ranks" } th { "among first 9" }
                 @for output in &record.outputs { th { "ST " (symbol(&output.name)) } }
-                th { "reference" } th { "paper" }
+                @if of_cell(record) { th { "reference" } }
+                th { "paper" }
             } }
             tbody { @for ranked in &record.ranking { (row(record, ranked)) } }
         } }
-        p.quiet { "± half of the interval; ranks: its middle over the resamples. Reference: an independent computation at the paper's settings." }
+        p.quiet {
+            "± half of the interval; ranks: its middle over the resamples. Paper: its nine, of the cell's biomarkers."
+            @if of_cell(record) { " Reference: an independent computation at the paper's settings." }
+        }
     }
+}
+
+/// Whether the sweep is the cell's, of which there is a reference.
+fn of_cell(record: &SensitivityRecord) -> bool {
+    record.spec.design.organ.is_none()
 }
 
 fn row(record: &SensitivityRecord, ranked: &RankedParameter) -> Markup {
@@ -83,7 +99,7 @@ fn row(record: &SensitivityRecord, ranked: &RankedParameter) -> Markup {
         td { @if let Some([low, high]) = ranked.rank_interval { (low) "–" (high) } @else { "–" } }
         td { @if let Some(share) = ranked.share_among_first_nine { (fixed(Some(100.0 * share), 0)) " %" } @else { "–" } }
         @for output in &record.outputs { td { (value(total(output))) } }
-        td { @if let Some(r) = ranked.reference { (r.rank) " (" (fixed(Some(r.sum_of_totals), 2)) ")" } @else { "–" } }
+        @if of_cell(record) { td { @if let Some(r) = ranked.reference { (r.rank) " (" (fixed(Some(r.sum_of_totals), 2)) ")" } @else { "–" } } }
         td {
             @if let Some(rank) = ranked.paper.rank { (rank) }
             @else if ranked.paper.among_first_nine { "among nine" }
@@ -136,7 +152,11 @@ fn basis(record: &SensitivityRecord) -> Markup {
             (share(samples.excluded)) " % excluded (their biomarkers are the physiological samples' means), "
             (samples.failed) " failed, " (samples.not_periodic) " not periodic."
         }
-        p { "Cycle " (design.cycle_length_ms) " ms, λ" sub { "0" } " " (design.lambda_0) ", cell engine " (record.arithmetic.join(", ")) ", cardiotwin " (record.version) "." }
+        p {
+            "Cycle " (design.cycle_length_ms) " ms, λ" sub { "0" } " " (design.lambda_0)
+            @if of_cell(record) { ", cell engine " (record.arithmetic.join(", ")) }
+            ", cardiotwin " (record.version) "."
+        }
         div.scroll tabindex="0" { table {
             thead { tr { th { "parameter" } th { "from" } th { "to" } } }
             tbody {

@@ -10,7 +10,7 @@ use cardiotwin_schemas::sensitivity::{
 use cardiotwin_schemas::sweep::GsaSpec;
 
 use super::reference;
-use super::samples::{OUTPUTS, Samples};
+use super::samples::Samples;
 use crate::sweep::SweepError;
 
 /// Indices and ranking of the samples: those of all blocks, or of any number of first ones.
@@ -23,13 +23,14 @@ pub fn sensitivity(spec: &GsaSpec, samples: &Samples, threads: usize) -> Result<
     if samples.n_blocks < 2 {
         return Err(SweepError::TooEarly { n_blocks: samples.n_blocks, of: spec.n_blocks });
     }
-    let (values, exclusion) = replace_excluded(&samples.values, OUTPUTS.len(), &samples.marks)?;
+    let names_of_outputs = spec.design.outputs();
+    let (values, exclusion) = replace_excluded(&samples.values, names_of_outputs.len(), &samples.marks)?;
     let settings = AnalysisSettings {
         n_resamples: spec.analysis.resamples as usize,
         confidence_level: spec.analysis.confidence,
         seed: spec.analysis.seed,
     };
-    let analysis = analyse_on(spec.design.parameters.len(), &values, settings, threads)?;
+    let analysis = analyse_on([spec.design.parameters.len(), names_of_outputs.len()], &values, settings, threads)?;
     let ranking = Ranking::of(&analysis);
     let names: Vec<&str> = spec.design.parameters.iter().map(|p| p.name.as_str()).collect();
     Ok(SensitivityRecord {
@@ -39,29 +40,29 @@ pub fn sensitivity(spec: &GsaSpec, samples: &Samples, threads: usize) -> Result<
         n_blocks: samples.n_blocks,
         samples: samples.counts.clone(),
         arithmetic: samples.arithmetic.clone(),
-        outputs: outputs(&analysis, &exclusion, &names),
-        ranking: ranked(&ranking, &names),
+        outputs: outputs(names_of_outputs, &analysis, &exclusion, &names),
+        ranking: ranked(&ranking, &names, spec.design.organ.is_none()),
     })
 }
 
 /// [`analyse`], the biomarkers shared among threads: each one's indices follow from its own values.
 fn analyse_on(
-    n_parameters: usize,
+    [n_parameters, n_outputs]: [usize; 2],
     values: &[f64],
     settings: AnalysisSettings,
     threads: usize,
 ) -> Result<Analysis, SobolError> {
     let one = |output: usize| {
-        let values: Vec<f64> = values.iter().skip(output).step_by(OUTPUTS.len()).copied().collect();
+        let values: Vec<f64> = values.iter().skip(output).step_by(n_outputs).copied().collect();
         analyse(n_parameters, 1, &values, settings)
     };
-    let threads = threads.clamp(1, OUTPUTS.len());
-    let mut found: Vec<Option<Result<Analysis, SobolError>>> = OUTPUTS.map(|_| None).into();
+    let threads = threads.clamp(1, n_outputs);
+    let mut found: Vec<Option<Result<Analysis, SobolError>>> = (0..n_outputs).map(|_| None).collect();
     std::thread::scope(|scope| {
         let workers: Vec<_> = (0..threads)
             .map(|first| {
                 let one = &one;
-                scope.spawn(move || (first..OUTPUTS.len()).step_by(threads).map(|o| (o, one(o))).collect::<Vec<_>>())
+                scope.spawn(move || (first..n_outputs).step_by(threads).map(|o| (o, one(o))).collect::<Vec<_>>())
             })
             .collect();
         for worker in workers {
@@ -78,9 +79,9 @@ fn analyse_on(
     Ok(whole)
 }
 
-fn outputs(analysis: &Analysis, exclusion: &Exclusion, names: &[&str]) -> Vec<OutputSensitivity> {
+fn outputs(outputs: &[&str], analysis: &Analysis, exclusion: &Exclusion, names: &[&str]) -> Vec<OutputSensitivity> {
     let of = |(i, output): (usize, &OutputIndices)| OutputSensitivity {
-        name: OUTPUTS[i].to_owned(),
+        name: outputs[i].to_owned(),
         mean: exclusion.means[i],
         standard_deviation: exclusion.standard_deviations[i],
         sum_of_first: output.sum_of_first(),
@@ -109,7 +110,8 @@ fn index(index: Index) -> SobolIndex {
     SobolIndex { value: index.value, half_width: index.half_width, n_blocks: index.n_blocks as u64 }
 }
 
-fn ranked(ranking: &Ranking, names: &[&str]) -> Vec<RankedParameter> {
+/// - `of_cell`: the reference is of the cell alone
+fn ranked(ranking: &Ranking, names: &[&str], of_cell: bool) -> Vec<RankedParameter> {
     let of = |(rank, ranked): (u32, &cardiotwin_calibrate::sobol::Ranked)| {
         let name = names[ranked.parameter];
         RankedParameter {
@@ -119,7 +121,7 @@ fn ranked(ranking: &Ranking, names: &[&str]) -> Vec<RankedParameter> {
             half_width: ranked.half_width,
             rank_interval: ranked.rank_interval.map(|ranks| ranks.map(|rank| rank as u32)),
             share_among_first_nine: ranked.share_among_first(9),
-            reference: reference::rank(name),
+            reference: reference::rank(name).filter(|_| of_cell),
             paper: reference::paper(name),
         }
     };

@@ -8,20 +8,17 @@ use cardiotwin_schemas::outcome::{Artefact, TaskResult};
 use cardiotwin_schemas::plan::ResolvedPatient;
 use cardiotwin_schemas::record::TaskRecord;
 use cardiotwin_schemas::sensitivity::SampleCounts;
-use cardiotwin_schemas::sweep::{ExclusionRule, GsaSpec, SAMPLES_HEADING};
+use cardiotwin_schemas::sweep::{ExclusionRule, GsaSpec, ORGAN_SAMPLES_HEADING, SAMPLES_HEADING};
 
 use super::chunks;
 use crate::sweep::SweepError;
-
-/// Biomarkers of a sample, as `samples.csv` names them: the paper's five outputs.
-pub const OUTPUTS: [&str; 5] = ["Sa_max_kPa", "dSadt_max_kPa_per_ms", "STD30_ms", "STD50_ms", "STD90_ms"];
 
 /// The samples of a design's first blocks.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Samples {
     /// Complete blocks.
     pub n_blocks: u32,
-    /// Biomarkers, shape (samples, [`OUTPUTS`]); not a number where a sample failed.
+    /// Biomarkers, shape (samples, outputs of the design); not a number where a sample failed.
     pub values: Vec<f64>,
     /// What became of each.
     pub marks: Vec<Sample>,
@@ -31,16 +28,18 @@ pub struct Samples {
     pub arithmetic: Vec<String>,
 }
 
-/// A line of `samples.csv`.
-#[derive(Debug, Clone, Copy, PartialEq)]
-struct Line {
-    outputs: [f64; 5],
-    cut: bool,
-    resting_kpa: f64,
-    smallest_kpa: f64,
-    rise_kpa_per_ms: f64,
+/// A sample that was computed.
+#[derive(Debug, Clone, PartialEq)]
+struct Judged {
+    /// In the order of [`CellDesign::outputs`](cardiotwin_schemas::sweep::CellDesign::outputs); not a number where absent.
+    outputs: [f64; MOST_OUTPUTS],
+    /// The constraints that it breaks.
+    breaks: Vec<&'static str>,
     periodic: bool,
 }
+
+/// Biomarkers of a sample at most.
+const MOST_OUTPUTS: usize = 7;
 
 /// A member of the sweep's run with its published result, if it has one.
 pub type Chunk<'a> = (&'a ResolvedPatient, Option<&'a TaskRecord<TaskResult>>);
@@ -57,6 +56,7 @@ pub fn read_first<'a>(
 ) -> Result<Samples, SweepError> {
     let mut samples = Samples::default();
     let rows_per_block = 2 * spec.design.parameters.len() + 2;
+    let heading = if spec.design.organ.is_some() { ORGAN_SAMPLES_HEADING } else { SAMPLES_HEADING };
     for (member, task) in chunks {
         let (Some(blocks), Some(task)) = (chunks::blocks(member), task) else { break };
         if blocks.start != samples.n_blocks || blocks.end > spec.n_blocks || blocks.start >= at_most {
@@ -69,15 +69,15 @@ pub fn read_first<'a>(
         let n_rows = (end - blocks.start) as usize * rows_per_block;
         let broken = |problem: String| SweepError::Samples { path: path.clone(), problem };
         let mut lines = text.lines();
-        if lines.next() != Some(SAMPLES_HEADING) {
+        if lines.next() != Some(heading) {
             return Err(broken("its first line is not the heading of samples".into()));
         }
         let before = samples.marks.len();
         let all = end == blocks.end;
         for (i, line) in lines.enumerate().take_while(|(i, _)| all || *i < n_rows) {
             let wanted = (blocks.start as usize + i / rows_per_block, i % rows_per_block);
-            let line = parse(line, wanted).map_err(|problem| broken(format!("line {}: {problem}", i + 2)))?;
-            samples.push(line, &spec.analysis.exclusion);
+            let judged = parse(line, wanted, spec).map_err(|problem| broken(format!("line {}: {problem}", i + 2)))?;
+            samples.push(judged, spec.design.outputs().len());
         }
         let found = samples.marks.len() - before;
         if found != n_rows {
@@ -106,82 +106,107 @@ fn verified(path: &Path, artefact: &Artefact) -> Result<String, SweepError> {
 }
 
 /// A sample; none for one that was not computed.
-fn parse(line: &str, (block, row): (usize, usize)) -> Result<Option<Line>, String> {
+fn parse(line: &str, (block, row): (usize, usize), spec: &GsaSpec) -> Result<Option<Judged>, String> {
     let mut fields = line.split(',');
-    let mut next = |name: &str| fields.next().ok_or_else(|| format!("{name} is missing"));
     for (name, wanted) in [("block", block), ("row", row)] {
-        let found = next(name)?;
+        let found = fields.next().ok_or_else(|| format!("{name} is missing"))?;
         if found.parse() != Ok(wanted) {
             return Err(format!("{name} is {found}, expected {wanted}"));
         }
     }
-    let periodic = match next("status")? {
-        "periodic" => true,
-        "not-periodic" => false,
-        "stuck" | "refused" => return Ok(None),
-        other => return Err(format!("there is no status `{other}`")),
-    };
-    let mut number = |name: &str| {
-        let text = next(name)?;
-        let value = text.parse::<f64>().ok().filter(|value| value.is_finite());
-        value.ok_or_else(|| format!("{name} is `{text}`, expected a number"))
-    };
-    let mut outputs = [0.0; 5];
-    for (output, name) in outputs.iter_mut().zip(OUTPUTS) {
-        *output = number(name)?;
+    let status = fields.next().ok_or("status is missing")?;
+    let mut fields = Fields { fields, outputs: spec.design.outputs() };
+    match (status, spec.design.organ.is_some()) {
+        ("periodic", false) => fields.cell(true, &spec.analysis.exclusion).map(Some),
+        ("not-periodic", false) => fields.cell(false, &spec.analysis.exclusion).map(Some),
+        ("finished", true) => fields.organ().map(Some),
+        // Not physiological: the cell that the organ is asked for does not exist.
+        ("refused", true) => {
+            let breaks = vec!["the cell has no meaning"];
+            Ok(Some(Judged { outputs: [f64::NAN; MOST_OUTPUTS], breaks, periodic: true }))
+        }
+        ("stuck" | "refused", false) | ("diverged", true) => Ok(None),
+        (other, _) => Err(format!("there is no status `{other}`")),
     }
-    let cut = number("cut")? != 0.0;
-    number("lambda_min")?;
-    Ok(Some(Line {
-        outputs,
-        cut,
-        resting_kpa: number("Sa_res_kPa")?,
-        smallest_kpa: number("Sa_min_kPa")?,
-        rise_kpa_per_ms: number("rise_after_peak_kPa_per_ms")?,
-        periodic,
-    }))
 }
 
-impl Line {
-    /// The constraints that the sample breaks.
-    fn breaks(&self, rule: &ExclusionRule) -> impl Iterator<Item = &'static str> {
-        let largest = self.outputs[0];
+/// A line behind its status.
+struct Fields<'a, I> {
+    fields: I,
+    outputs: &'a [&'static str],
+}
+
+impl<'a, I: Iterator<Item = &'a str>> Fields<'_, I> {
+    fn text(&mut self, name: &str) -> Result<&'a str, String> {
+        self.fields.next().ok_or_else(|| format!("{name} is missing"))
+    }
+
+    fn number(&mut self, name: &str) -> Result<f64, String> {
+        let text = self.text(name)?;
+        let value = text.parse::<f64>().ok().filter(|value| value.is_finite());
+        value.ok_or_else(|| format!("{name} is `{text}`, expected a number"))
+    }
+
+    fn cell(&mut self, periodic: bool, rule: &ExclusionRule) -> Result<Judged, String> {
+        let mut outputs = [f64::NAN; MOST_OUTPUTS];
+        for (output, name) in outputs.iter_mut().zip(self.outputs) {
+            *output = self.number(name)?;
+        }
+        let cut = self.number("cut")? != 0.0;
+        self.number("lambda_min")?;
         let broken = [
-            (self.resting_kpa > rule.resting_share * largest, "resting stress"),
-            (self.rise_kpa_per_ms > rule.rise_after_peak_kpa_per_ms, "stress rises after its maximum"),
-            (self.smallest_kpa < -rule.negative_stress_kpa, "negative stress"),
-            (self.cut, "a duration has no end"),
+            (self.number("Sa_res_kPa")? > rule.resting_share * outputs[0], "resting stress"),
+            (self.number("Sa_min_kPa")? < -rule.negative_stress_kpa, "negative stress"),
+            (
+                self.number("rise_after_peak_kPa_per_ms")? > rule.rise_after_peak_kpa_per_ms,
+                "stress rises after its maximum",
+            ),
+            (cut, "a duration has no end"),
         ];
-        broken.into_iter().filter(|(broken, _)| *broken).map(|(_, name)| name)
+        let breaks = broken.into_iter().filter(|(broken, _)| *broken).map(|(_, name)| name).collect();
+        Ok(Judged { outputs, breaks, periodic })
+    }
+
+    fn organ(&mut self) -> Result<Judged, String> {
+        let mut outputs = [f64::NAN; MOST_OUTPUTS];
+        let mut absent = false;
+        for (output, name) in outputs.iter_mut().zip(self.outputs) {
+            match self.text(name)? {
+                "" => absent = true,
+                text => *output = text.parse().map_err(|_| format!("{name} is `{text}`, expected a number"))?,
+            }
+        }
+        let shut = self.number("shut")? != 0.0;
+        let broken = [(shut, "a valve stays shut"), (absent && !shut, "a biomarker is absent")];
+        let breaks = broken.into_iter().filter(|(broken, _)| *broken).map(|(_, name)| name).collect();
+        Ok(Judged { outputs, breaks, periodic: true })
     }
 }
 
 impl Samples {
-    fn push(&mut self, line: Option<Line>, rule: &ExclusionRule) {
+    fn push(&mut self, judged: Option<Judged>, n_outputs: usize) {
         self.counts.total += 1;
-        let Some(line) = line else {
+        let Some(judged) = judged else {
             self.counts.failed += 1;
-            self.values.extend([f64::NAN; OUTPUTS.len()]);
+            self.values.extend(std::iter::repeat_n(f64::NAN, n_outputs));
             self.marks.push(Sample::Failed);
             return;
         };
-        self.values.extend(line.outputs);
-        self.counts.not_periodic += u64::from(!line.periodic);
-        let mut excluded = false;
-        for constraint in line.breaks(rule) {
-            excluded = true;
+        self.values.extend(&judged.outputs[..n_outputs]);
+        self.counts.not_periodic += u64::from(!judged.periodic);
+        for constraint in &judged.breaks {
             // A name is made once for each constraint, not for each sample.
-            match self.counts.excluded_by.get_mut(constraint) {
+            match self.counts.excluded_by.get_mut(*constraint) {
                 Some(count) => *count += 1,
-                None => drop(self.counts.excluded_by.insert(constraint.to_owned(), 1)),
+                None => drop(self.counts.excluded_by.insert((*constraint).to_owned(), 1)),
             }
         }
-        if excluded {
-            self.counts.excluded += 1;
-            self.marks.push(Sample::Excluded);
-        } else {
+        if judged.breaks.is_empty() {
             self.counts.physiological += 1;
             self.marks.push(Sample::Physiological);
+        } else {
+            self.counts.excluded += 1;
+            self.marks.push(Sample::Excluded);
         }
     }
 }
@@ -194,7 +219,8 @@ pub(super) mod tests {
     use cardiotwin_schemas::outcome::CellSweepResult;
     use cardiotwin_schemas::provenance::Provenance;
 
-    use super::super::spec::{Wishes, published};
+    use super::super::spec::tests::organ;
+    use super::super::spec::{Wishes, of_organ, published};
     use super::*;
 
     /// A sweep of two parameters (all others fixed) in chunks of two blocks.
@@ -211,8 +237,18 @@ pub(super) mod tests {
         rows_per_block: usize,
         line: impl Fn(u32, usize) -> String,
     ) -> TaskRecord<TaskResult> {
+        publish_as(folder, member, SAMPLES_HEADING, rows_per_block, line)
+    }
+
+    fn publish_as(
+        folder: &Path,
+        member: &ResolvedPatient,
+        heading: &str,
+        rows_per_block: usize,
+        line: impl Fn(u32, usize) -> String,
+    ) -> TaskRecord<TaskResult> {
         let blocks = chunks::blocks(member).unwrap();
-        let mut text = format!("{SAMPLES_HEADING}\n");
+        let mut text = format!("{heading}\n");
         for block in blocks.clone() {
             (0..rows_per_block).for_each(|row| text += &format!("{block},{row},{}\n", line(block, row)));
         }
@@ -277,6 +313,34 @@ pub(super) mod tests {
         assert_eq!(samples.marks[5], Sample::Failed);
         assert!(samples.values[25..30].iter().all(|v| v.is_nan()));
         assert_eq!((samples.n_blocks, samples.arithmetic), (2, vec!["portable".to_owned()]));
+    }
+
+    #[test]
+    fn samples_of_an_organ_are_excluded_where_a_valve_stays_shut_or_the_cell_is_none() {
+        let folder = tempfile::tempdir().unwrap();
+        let set = super::super::spec::BOX[2..].iter().map(|(name, lower, _)| ((*name).to_owned(), *lower)).collect();
+        let wishes = Wishes { samples: Some(2), set, ..Wishes::default() };
+        let spec = wishes.on(of_organ(organ("p1", 2.0), 1.1)).unwrap();
+        let lines = [
+            "finished,120.0,1.5,-1.4,300.0,80.0,40.0,60.0,0",
+            "finished,20.0,0.2,-0.2,300.0,,,,1",
+            "finished,120.0,1.5,-1.4,300.0,80.0,,60.0,0",
+            "refused,,,,,,,,",
+            "diverged,,,,,,,,",
+            "finished,120.0,1.5,-1.4,300.0,80.0,40.0,60.0,0",
+        ];
+        let publish = |lines: &[&str]| {
+            let member = &chunks::members(&spec)[0];
+            publish_as(folder.path(), member, ORGAN_SAMPLES_HEADING, 6, |_, row| lines[row].to_owned())
+        };
+        let samples = read(&spec, &[Some(publish(&lines))]).unwrap();
+        let counts = &samples.counts;
+        assert_eq!((counts.total, counts.physiological, counts.excluded, counts.failed), (12, 4, 6, 2));
+        let by: Vec<(&str, u64)> = counts.excluded_by.iter().map(|(name, n)| (name.as_str(), *n)).collect();
+        assert_eq!(by, [("a biomarker is absent", 2), ("a valve stays shut", 2), ("the cell has no meaning", 2)]);
+        assert_eq!((samples.values.len(), samples.values[6]), (12 * 7, 60.0));
+        let said = read(&spec, &[Some(publish(&["periodic,1.0"; 6]))]).unwrap_err().to_string();
+        assert!(said.contains("there is no status `periodic`"), "{said}");
     }
 
     #[test]

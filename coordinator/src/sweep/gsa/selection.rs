@@ -1,7 +1,8 @@
-//! The ranking as step 2's list of parameters: what goes into `cohort.toml`.
+//! The ranking as a list of parameters for `cohort.toml`: step 2's from the cell's sweep, step 3's from the organ's.
 
 use std::fmt::Write as _;
 
+use cardiotwin_schemas::ids::PatientId;
 use cardiotwin_schemas::sensitivity::SensitivityRecord;
 
 use crate::sweep::SweepError;
@@ -9,8 +10,15 @@ use crate::sweep::SweepError;
 /// Scale of the cell's passive stress: the paper fits it beside what the sensitivity analysis selects.
 const PASSIVE: (&str, [f64; 2]) = ("a_p_kPa", [1.0, 100.0]);
 
+/// Name of the file that [`toml`] fills.
+#[must_use]
+pub fn file(record: &SensitivityRecord) -> &'static str {
+    if record.spec.design.organ.is_some() { "step3.toml" } else { "step2.toml" }
+}
+
 /// The `n` most influential parameters and the passive scale as a `[step2]` table, with the bounds of the sweep; what the
-/// sweep held at other values than the cell's defaults, and is not fitted, stays frozen there.
+/// sweep held at other values than the cell's defaults, and is not fitted, stays frozen there. Of an organ's sweep: the
+/// parameters as a `[step3]` table.
 ///
 /// # Errors
 /// [`SweepError::Setting`] for more parameters than were swept.
@@ -26,6 +34,9 @@ pub fn toml(record: &SensitivityRecord, n: usize) -> Result<String, SweepError> 
         .filter_map(|ranked| design.parameters.iter().find(|p| p.name == ranked.name))
         .map(|p| (p.name.as_str(), [p.lower, p.upper]))
         .collect();
+    if let Some(organ) = &design.organ {
+        return Ok(step3(record, &organ.patient, &selected));
+    }
     if !selected.iter().any(|(name, _)| *name == PASSIVE.0) {
         selected.push(PASSIVE);
     }
@@ -56,13 +67,34 @@ pub fn toml(record: &SensitivityRecord, n: usize) -> Result<String, SweepError> 
     Ok(text)
 }
 
+fn step3(record: &SensitivityRecord, patient: &PatientId, selected: &[(&str, [f64; 2])]) -> String {
+    let mut text = format!(
+        "# The {} parameters that the organ of {patient} is most sensitive to, by the sum of total Sobol indices over\n\
+         # {} biomarkers, on {} blocks of samples.\n\
+         [step3]\nparameters = [\n",
+        selected.len(),
+        record.outputs.len(),
+        record.n_blocks
+    );
+    // Writing to a text cannot fail.
+    for (name, _) in selected {
+        let _ = writeln!(text, "    \"{name}\",");
+    }
+    text += "]\n\n[step3.bounds]\n";
+    for (name, [lower, upper]) in selected {
+        let _ = writeln!(text, "{name} = [{lower:?}, {upper:?}]");
+    }
+    text
+}
+
 #[cfg(test)]
 mod tests {
     use cardiotwin_schemas::cohort::SettingsLayer;
     use cardiotwin_schemas::sensitivity::RankedParameter;
 
     use super::super::reference;
-    use super::super::spec::published;
+    use super::super::spec::tests::organ;
+    use super::super::spec::{Wishes, of_organ, published, valves};
     use super::*;
 
     fn record(order: &[&str]) -> SensitivityRecord {
@@ -98,6 +130,18 @@ mod tests {
         assert_eq!(step2["parameters"], serde_json::json!(["Ca50_ref_uM", "k_WS_per_ms", "a_p_kPa"]));
         assert_eq!(step2["bounds"]["k_WS_per_ms"], serde_json::json!([0.004, 0.048]));
         assert_eq!(step2["frozen"], serde_json::json!({"phi": 2.0}), "what is fitted is not frozen");
+    }
+
+    #[test]
+    fn of_an_organ_it_is_step_3_s_layer() {
+        let mut of = record(&["Ca50_ref_uM", "R_AV_f_mmHg_s_per_mL"]);
+        of.spec = of_organ(organ("p1", 2.0), 1.1);
+        of.spec = Wishes { bounds: valves(), ..Wishes::default() }.on(of.spec).unwrap();
+        let layer: SettingsLayer = toml::from_str(&toml(&of, 2).unwrap()).unwrap();
+        let step3 = serde_json::to_value(layer.step3.unwrap()).unwrap();
+        assert_eq!(step3["parameters"], serde_json::json!(["Ca50_ref_uM", "R_AV_f_mmHg_s_per_mL"]));
+        assert_eq!(step3["bounds"]["R_AV_f_mmHg_s_per_mL"], serde_json::json!([0.001, 0.1]));
+        assert_eq!((file(&of), layer.step2.is_some()), ("step3.toml", false));
     }
 
     #[test]

@@ -5,8 +5,11 @@ use std::path::Path;
 
 use cardiotwin_calibrate::Interval;
 use cardiotwin_calibrate::sobol::{DesignSettings, SaltelliDesign};
-use cardiotwin_schemas::organ::CELL_PARAMETERS;
-use cardiotwin_schemas::sweep::{CellDesign, GsaAnalysis, GsaSpec, SweepFile, SweepSpec, SweptParameter};
+use cardiotwin_schemas::organ::{CELL_PARAMETERS, VALVE_PARAMETERS, cell_default, is_parameter};
+use cardiotwin_schemas::settings::SolverSettings;
+use cardiotwin_schemas::step3::Step3Settings;
+use cardiotwin_schemas::sweep::{CellDesign, GsaAnalysis, GsaSpec, SweepFile, SweepSpec, SweptOrgan, SweptParameter};
+use cardiotwin_schemas::task::TaskSpec;
 
 use crate::sweep::SweepError;
 
@@ -52,11 +55,68 @@ pub fn published() -> GsaSpec {
             lambda_0: 1.1,
             fixed: BTreeMap::from([("a_p_kPa".to_owned(), 42.0)]),
             tolerance: 1e-4,
+            organ: None,
         },
         n_blocks: 1024,
         chunk_blocks: CHUNK_BLOCKS,
         analysis: GsaAnalysis::default(),
     }
+}
+
+/// Blocks of a chunk of an organ's sweep: some 2 s of work.
+const ORGAN_CHUNK_BLOCKS: u32 = 32;
+/// Shortest time step of an organ's sweep \[ms\]: as step 3 seeks (docs/sweeps.md says what it changes).
+const ORGAN_TIME_STEP_MS: f64 = 2.0;
+
+/// Half of an interval around a twin's cell, as a share of the value.
+pub const AROUND: f64 = 0.3;
+
+/// Intervals of the published analysis.
+#[must_use]
+pub fn of_paper() -> Vec<(String, [f64; 2])> {
+    BOX.iter().map(|(name, lower, upper)| ((*name).to_owned(), [*lower, *upper])).collect()
+}
+
+/// Intervals of the same parameters around a cell's values, where it has others than the model's.
+#[must_use]
+pub fn around(cell: Option<&BTreeMap<String, f64>>) -> Vec<(String, [f64; 2])> {
+    let interval = |(name, ..): &(&str, f64, f64)| -> Option<(String, [f64; 2])> {
+        let value = cell.and_then(|cell| cell.get(*name).copied()).or_else(|| cell_default(name))?;
+        let [a, b] = [1.0 - AROUND, 1.0 + AROUND].map(|share| share * value);
+        Some(((*name).to_owned(), [a.min(b), a.max(b)]))
+    };
+    BOX.iter().filter_map(interval).collect()
+}
+
+/// The same design in an organ, over the cell's parameters around those of its beat.
+///
+/// - `lambda_0`: the stretch from which its cell starts
+#[must_use]
+pub fn of_organ(mut organ: SweptOrgan, lambda_0: f64) -> GsaSpec {
+    let mut spec = published();
+    let swept = |(name, [lower, upper]): (String, [f64; 2])| SweptParameter { name, lower, upper };
+    spec.design.parameters = around(organ.beat.contraction.cell_parameters()).into_iter().map(swept).collect();
+    // A patient's, or a finite-element ventricle's, budget of iterations says nothing of the one-fibre ventricle.
+    let solver = SolverSettings::default();
+    organ.beat.newton_iterations = solver.newton_iterations;
+    organ.beat.shortest_step_ms = solver.shortest_step_ms;
+    organ.beat.time_step_ms = organ.beat.time_step_ms.max(ORGAN_TIME_STEP_MS);
+    spec.chunk_blocks = ORGAN_CHUNK_BLOCKS;
+    spec.design = CellDesign {
+        cycle_length_ms: organ.beat.cycle_length_ms,
+        lambda_0,
+        fixed: BTreeMap::new(),
+        organ: Some(Box::new(organ)),
+        ..spec.design
+    };
+    spec
+}
+
+/// Intervals of the valves' resistances, which an organ's sweep has where they are asked for: step 3's bounds.
+#[must_use]
+pub fn valves() -> Vec<(String, [f64; 2])> {
+    let bounds = Step3Settings::default().bounds;
+    VALVE_PARAMETERS.iter().filter_map(|name| Some(((*name).to_owned(), *bounds.get(*name)?))).collect()
 }
 
 /// What a person asks for; the rest stays as it is in the folder, or as published.
@@ -95,12 +155,12 @@ impl Wishes {
         let mut spec = base;
         let design = &mut spec.design;
         for (name, value) in &self.set {
-            known("--set", name)?;
+            known("--set", name, design)?;
             design.parameters.retain(|p| p.name != *name);
             design.fixed.insert(name.clone(), *value);
         }
         for (name, [lower, upper]) in &self.bounds {
-            known("--bounds", name)?;
+            known("--bounds", name, design)?;
             let swept = SweptParameter { name: name.clone(), lower: *lower, upper: *upper };
             design.fixed.remove(name);
             match design.parameters.iter_mut().find(|p| p.name == *name) {
@@ -125,11 +185,13 @@ impl Wishes {
     }
 }
 
-fn known(option: &str, name: &str) -> Result<(), SweepError> {
-    if CELL_PARAMETERS.contains(&name) {
+fn known(option: &str, name: &str, design: &CellDesign) -> Result<(), SweepError> {
+    let has = |name: &str| if design.organ.is_some() { is_parameter(name) } else { CELL_PARAMETERS.contains(&name) };
+    if has(name) {
         return Ok(());
     }
-    let expected = format!("a parameter among {}", CELL_PARAMETERS.join(", "));
+    let known: Vec<&str> = CELL_PARAMETERS.into_iter().chain(VALVE_PARAMETERS).filter(|name| has(name)).collect();
+    let expected = format!("a parameter among {}", known.join(", "));
     Err(SweepError::Setting { name: option.into(), found: format!("about `{name}`"), expected })
 }
 
@@ -215,6 +277,16 @@ pub fn may_follow(folder: &Path, before: &GsaSpec, now: &GsaSpec) -> Result<(), 
     }
     let (a, b) = (&before.design, &now.design);
     let scramble = |seed: Option<u64>| seed.map_or("plain points".to_owned(), |s| format!("scrambled with seed {s}"));
+    let organ = |design: &CellDesign| {
+        design.organ.as_ref().map_or("the 0D cell".to_owned(), |organ| format!("the organ of {}", organ.patient))
+    };
+    // Wherever its files lie.
+    let beat = |design: &CellDesign| design.organ.as_ref().map(|o| TaskSpec::OrganBeat(Box::new(o.beat.clone())).key());
+    if organ(a) != organ(b) {
+        changes.push(format!("{} (now {})", organ(a), organ(b)));
+    } else if beat(a) != beat(b) {
+        changes.push(format!("another state of {}: its run has gone on, or its settings changed", organ(a)));
+    }
     if a.scramble_seed != b.scramble_seed {
         changes.push(format!("{} (now {})", scramble(a.scramble_seed), scramble(b.scramble_seed)));
     }
@@ -231,7 +303,7 @@ pub fn may_follow(folder: &Path, before: &GsaSpec, now: &GsaSpec) -> Result<(), 
             .map(|p| format!("in [{}, {}]", p.lower, p.upper))
             .or_else(|| design.fixed.get(name).map(|v| format!("= {v}")))
     };
-    for name in CELL_PARAMETERS {
+    for name in CELL_PARAMETERS.into_iter().chain(VALVE_PARAMETERS) {
         let (a, b) = (place(a, name), place(b, name));
         if a != b {
             let word = |place: Option<String>| place.unwrap_or_else(|| "at its default".into());
@@ -248,8 +320,27 @@ pub fn may_follow(folder: &Path, before: &GsaSpec, now: &GsaSpec) -> Result<(), 
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
+    use cardiotwin_schemas::ids::PatientId;
+
     use super::*;
+
+    /// A reduced ventricle whose cell has this `phi`.
+    pub fn organ(patient: &str, phi: f64) -> SweptOrgan {
+        let beat = serde_json::from_value(serde_json::json!({
+            "cycle_length_ms": 700.0, "time_step_ms": 1.0, "shortest_step_ms": 0.015625, "newton_iterations": 60,
+            "organ": {"fidelity": "reduced",
+                "passive": {"wall_volume_mL": 90.0, "unloaded_volume_mL": 60.0, "end_diastolic_volume_mL": 120.0,
+                            "end_diastolic_pressure_mmHg": 9.0, "stiffness_kPa": 0.5, "exponent": 9.24},
+                "activation": {"spread_ms": 40.0, "groups": 16, "onset_ms": 20.0}},
+            "circulation": {"afterload": {"characteristic_resistance_mmHg_s_per_mL": 0.03,
+                "peripheral_resistance_mmHg_s_per_mL": 0.9, "compliance_mL_per_mmHg": 1.2},
+                "initial_windkessel_pressure_mmHg": 70.0, "left_atrial_pressure_mmHg": 7.0},
+            "valves": {}, "contraction": {"model": "land2017-rice", "parameters": {"phi": phi}, "lambda_0": 1.1},
+            "beats": {"mode": "fixed", "n": 1}, "measured_end_diastolic_volume_mL": 120.0
+        }));
+        SweptOrgan { patient: PatientId::from(patient), beat: beat.unwrap() }
+    }
 
     #[test]
     fn the_published_analysis_has_45_056_samples_and_the_cell_s_names() {
@@ -281,6 +372,40 @@ mod tests {
         assert_eq!(reversed, "--bounds n_Tm is 5,4, expected LOWER,UPPER in this order");
         assert!(refused(Wishes { samples: Some(1), ..Wishes::default() }).starts_with("--samples is 1"));
         assert!(refused(Wishes { seed: Some(0), ..Wishes::default() }).starts_with("--seed is 0"));
+    }
+
+    #[test]
+    fn an_organ_s_sweep_is_around_its_cell_and_has_valves_where_asked() {
+        let organ = organ("p1", 2.0);
+        let spec = of_organ(organ, 1.1);
+        assert_eq!((spec.design.parameters.len(), spec.design.outputs().len(), spec.n_blocks), (21, 7, 1024));
+        let interval = |spec: &GsaSpec, name: &str| {
+            let found = spec.design.parameters.iter().find(|p| p.name == name)?;
+            Some([found.lower, found.upper])
+        };
+        assert_eq!(interval(&spec, "phi"), Some([1.4, 2.6]), "30 % around the beat's own");
+        let [lower, upper] = interval(&spec, "beta_1_uM").unwrap();
+        assert!(lower < upper && upper < 0.0, "around the model's default, {lower} {upper}");
+        let mut bounds = of_paper();
+        bounds.extend(valves());
+        let spec = Wishes { bounds, ..Wishes::default() }.on(spec).unwrap();
+        assert_eq!((spec.design.parameters.len(), interval(&spec, "phi")), (23, Some([0.1, 4.0])));
+        let passive = Wishes { set: vec![("a_p_kPa".into(), 3.0)], ..Wishes::default() }.on(spec).unwrap_err();
+        assert!(passive.to_string().contains("R_AV_f_mmHg_s_per_mL"), "{passive}");
+        let cell = Wishes { bounds: valves(), ..Wishes::default() }.on(published()).unwrap_err();
+        assert!(cell.to_string().starts_with("--bounds is about `R_AV_f"), "{cell}");
+    }
+
+    #[test]
+    fn an_organ_s_sweep_goes_on_with_the_same_organ_only() {
+        let said = |before: SweptOrgan, now: SweptOrgan| {
+            may_follow(Path::new("gsa"), &of_organ(before, 1.1), &of_organ(now, 1.1)).map_err(|e| e.to_string())
+        };
+        said(organ("p1", 2.0), organ("p1", 2.0)).unwrap();
+        let other = said(organ("p1", 2.0), organ("p2", 2.0)).unwrap_err();
+        assert!(other.contains("the organ of p1 (now the organ of p2)"), "{other}");
+        let changed = said(organ("p1", 2.0), organ("p1", 2.1)).unwrap_err();
+        assert!(changed.contains("another state of the organ of p1"), "{changed}");
     }
 
     #[test]

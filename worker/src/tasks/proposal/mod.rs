@@ -6,13 +6,28 @@ pub mod step3;
 use cardiotwin_models::ventricle::OneFibrePassive;
 use cardiotwin_models::ventricle::passive_state::DEFAULT_EXPONENT;
 use cardiotwin_schemas::organ::{self, ActivationSpec, OrganSpec};
-use cardiotwin_schemas::settings::ActivationSettings;
+use cardiotwin_schemas::settings::{ActivationSettings, SolverSettings};
+use cardiotwin_schemas::task::{OrganBeatSpec, TaskSpec};
 use cardiotwin_units::{Ml, Mmhg};
 
 use crate::error::TaskError;
 
+/// A beat of the one-fibre ventricle in place of the organ's; another task as it is.
+///
+/// # Errors
+/// [`TaskError`] when the organ's figures are outside the model.
+pub fn in_one_fibre(task: TaskSpec) -> Result<TaskSpec, TaskError> {
+    let TaskSpec::OrganBeat(beat) = task else { return Ok(task) };
+    let (passive, activation) = one_fibre(&beat.organ)?;
+    let organ = OrganSpec::Reduced { passive, activation };
+    // The budget of a finite-element ventricle says nothing of this one.
+    let SolverSettings { newton_iterations, shortest_step_ms, .. } = SolverSettings::default();
+    let beat = OrganBeatSpec { organ, newton_iterations, shortest_step_ms, finite_element: None, ..*beat };
+    Ok(TaskSpec::OrganBeat(Box::new(beat)))
+}
+
 /// The one-fibre ventricle, or that of a finite-element one's volumes, pressure and activation.
-fn one_fibre(organ: &OrganSpec) -> Result<(organ::OneFibrePassive, ActivationSpec), TaskError> {
+pub(crate) fn one_fibre(organ: &OrganSpec) -> Result<(organ::OneFibrePassive, ActivationSpec), TaskError> {
     match organ {
         OrganSpec::Reduced { passive, activation } => Ok((*passive, *activation)),
         OrganSpec::External(organ) => Ok((organ.passive, organ.activation)),

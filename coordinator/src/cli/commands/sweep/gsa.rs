@@ -1,12 +1,15 @@
-//! `cardiotwin sweep gsa`: the Sobol sensitivity analysis of the 0D cell; again, it goes on.
+//! `cardiotwin sweep gsa`: the Sobol sensitivity analysis of the 0D cell, or of a patient's organ; again, it goes on.
 
-use std::path::PathBuf;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use cardiotwin_schemas::SCHEMA_VERSION;
+use cardiotwin_schemas::organ::{BeatCount, ContractionSpec};
 use cardiotwin_schemas::settings::ExecutorSettings;
-use cardiotwin_schemas::sweep::{GsaSpec, SweepFile, SweepSpec};
-use clap::Args;
+use cardiotwin_schemas::sweep::{GsaSpec, SweepFile, SweepSpec, SweptOrgan};
+use cardiotwin_schemas::task::OrganBeatSpec;
+use clap::{Args, ValueEnum};
 
 use super::drive::drive;
 use super::on_cluster::{self, OnCluster};
@@ -14,23 +17,40 @@ use super::outcome::{self, Answer, Phases};
 use super::screen;
 use crate::cli::error::CliError;
 use crate::cli::exit::Exit;
+use crate::cli::place::Folders;
 use crate::cli::talk::Talk;
+use crate::cli::ventricle::Ventricle;
 use crate::clock;
 use crate::engine::{RunOptions, RunSummary};
 use crate::sweep::gsa::spec::{self, Wishes};
 use crate::sweep::gsa::{chunks, selection};
 use crate::sweep::{SweepError, folder};
 
-/// Which of the cell's parameters matter: Sobol indices of its biomarkers, as in Jung et al. 2022
+/// Which of the cell's parameters matter: Sobol indices of its biomarkers, as in Jung et al. 2022, or of a patient's organ
 #[derive(Debug, Args)]
 #[command(
-    after_help = "The defaults are the paper's: 1024 blocks of 44 samples over 17 Land and 4 Rice parameters. The same command \
+    after_help = "The defaults of the cell are the paper's: 1024 blocks of 44 samples over 17 Land and 4 Rice parameters. The same command \
                   goes on where it stopped; more --samples extend a sweep without repeating any. Ctrl-C as in `run`."
 )]
 pub struct GsaArgs {
-    /// Folder of the sweep, made if absent
-    #[arg(long, value_name = "DIR", default_value = "gsa")]
-    out: PathBuf,
+    /// Folder of the sweep, made if absent [default: gsa, or gsa-PATIENT with --organ]
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Patient whose reduced ventricle is simulated with each cell: indices of the organ's seven biomarkers
+    #[arg(long, value_name = "PATIENT", conflicts_with_all = ["cycle_length_ms", "lambda_0", "tolerance"])]
+    organ: Option<String>,
+    /// Intervals of the cell's parameters: `twin`, 30 % around those of the patient's twin, or `paper`, Table A5's
+    #[arg(long, value_name = "BOX", requires = "organ", value_enum, hide_possible_values = true)]
+    r#box: Option<Intervals>,
+    /// Sweep the valves' forward resistances, too
+    #[arg(long, requires = "organ")]
+    valves: bool,
+    /// Folder of the patient's cohort (with cohort.toml) or run (with cardiotwin.db) [default: .]
+    #[arg(long, value_name = "DIR", requires = "organ")]
+    cohort: Option<PathBuf>,
+    /// Folder of the patient's run [default: COHORT/run]
+    #[arg(long, value_name = "DIR", requires = "organ")]
+    run_dir: Option<PathBuf>,
     /// Base points N, best a power of two; each gives 2D + 2 samples [default: 1024]
     #[arg(long, value_name = "N")]
     samples: Option<u32>,
@@ -40,7 +60,7 @@ pub struct GsaArgs {
     /// Scrambled Sobol points instead of plain ones
     #[arg(long)]
     scramble: bool,
-    /// Blocks that a task computes; changes no result [default: 64]
+    /// Blocks that a task computes; changes no result [default: 64, 32 with --organ]
     #[arg(long, value_name = "N")]
     chunk_blocks: Option<u32>,
     /// Bootstrap resamples for the intervals [default: 1000]
@@ -64,7 +84,7 @@ pub struct GsaArgs {
     /// Tolerance of the cell engine [default: 1e-4]
     #[arg(long, value_name = "TOLERANCE")]
     tolerance: Option<f64>,
-    /// Write step 2's settings with the N most influential parameters
+    /// Write settings with the N most influential parameters: step 2's, or step 3's of an organ
     #[arg(long, value_name = "N")]
     select: Option<usize>,
     /// Workers at once; 0 is one for each core
@@ -78,6 +98,13 @@ pub struct GsaArgs {
     /// One JSON object instead of tables
     #[arg(long)]
     json: bool,
+}
+
+/// Where an organ's intervals come from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Intervals {
+    Twin,
+    Paper,
 }
 
 fn bounds(text: &str) -> Result<(String, [f64; 2]), String> {
@@ -96,7 +123,24 @@ fn number(text: &str) -> Result<f64, String> {
 }
 
 impl GsaArgs {
-    fn wishes(&self) -> Wishes {
+    /// Folder of the sweep.
+    fn out(&self) -> PathBuf {
+        let default = || self.organ.as_ref().map_or_else(|| "gsa".into(), |patient| format!("gsa-{patient}").into());
+        self.out.clone().unwrap_or_else(default)
+    }
+
+    /// - `beat`: that of the organ, where there is one
+    fn wishes(&self, beat: Option<&OrganBeatSpec>) -> Wishes {
+        // First, so that intervals that are given win.
+        let mut bounds = match self.r#box {
+            None => Vec::new(),
+            Some(Intervals::Paper) => spec::of_paper(),
+            Some(Intervals::Twin) => spec::around(beat.and_then(|beat| beat.contraction.cell_parameters())),
+        };
+        if self.valves {
+            bounds.extend(spec::valves());
+        }
+        bounds.extend(self.bounds.iter().cloned());
         Wishes {
             samples: self.samples,
             seed: self.seed,
@@ -107,7 +151,7 @@ impl GsaArgs {
             cycle_length_ms: self.cycle_length_ms,
             lambda_0: self.lambda_0,
             tolerance: self.tolerance,
-            bounds: self.bounds.clone(),
+            bounds,
             set: self.set.clone(),
         }
     }
@@ -119,7 +163,7 @@ impl GsaArgs {
 /// [`SweepError`] for settings that make no sense or do not belong to the folder; the engine's.
 pub async fn execute(args: &GsaArgs, talk: &Talk) -> Result<Exit, CliError> {
     let began = Instant::now();
-    let spec = settle(args)?;
+    let (out, spec) = (args.out(), settle(args).await?);
     let n_parameters = spec.design.parameters.len();
     if args.select.is_some_and(|n| !(1..=n_parameters).contains(&n)) {
         let expected = format!("1 to {n_parameters}, the parameters swept");
@@ -129,10 +173,14 @@ pub async fn execute(args: &GsaArgs, talk: &Talk) -> Result<Exit, CliError> {
     let mut executor = ExecutorSettings { workers: args.workers, ..ExecutorSettings::default() };
     args.cluster.apply(&mut executor);
     let options = RunOptions {
-        run_dir: args.out.clone(),
+        run_dir: out.clone(),
         cohort_name: "gsa".into(),
-        description: format!("sensitivity of the 0D cell to {n_parameters} parameters, {} blocks", spec.n_blocks),
-        cohort_dir: args.out.clone(),
+        description: format!(
+            "sensitivity of {} to {n_parameters} parameters, {} blocks",
+            subject(&spec),
+            spec.n_blocks
+        ),
+        cohort_dir: out.clone(),
         patients: Some(chunks::members(&spec)),
         only: Vec::new(),
         executor,
@@ -149,27 +197,56 @@ pub async fn execute(args: &GsaArgs, talk: &Talk) -> Result<Exit, CliError> {
     finish(args, &summary, Phases { simulate_s: simulated_s, ..Phases::default() }, began, talk).await
 }
 
+fn subject(spec: &GsaSpec) -> String {
+    let organ = spec.design.organ.as_ref();
+    organ.map_or_else(|| "the 0D cell".to_owned(), |organ| format!("the organ of {}", organ.patient))
+}
+
+/// The design in the patient's ventricle, where one was asked for, else the cell's own.
+async fn base(args: &GsaArgs) -> Result<GsaSpec, CliError> {
+    let Some(patient) = &args.organ else { return Ok(spec::published()) };
+    let cohort = args.cohort.as_deref().unwrap_or(Path::new("."));
+    let folders = Folders::of(cohort, args.run_dir.as_deref());
+    let ventricle = Ventricle::of_run(&folders, patient, "--organ").await?;
+    let beats = BeatCount::Fixed { n: ventricle.plan.settings.solver.beats };
+    let mut beat = ventricle.beat_of_twin("--organ", beats)?;
+    let (parameters, lambda_0) = match beat.contraction {
+        ContractionSpec::Land2017Rice { parameters, lambda_0 }
+        | ContractionSpec::Land2017Trace { parameters, lambda_0, .. } => (parameters, lambda_0),
+        ContractionSpec::Tanh { .. } => (BTreeMap::new(), 1.0),
+    };
+    // The calcium's parameters are swept, too: no trace of it.
+    beat.contraction = ContractionSpec::Land2017Rice { parameters, lambda_0 };
+    Ok(spec::of_organ(SweptOrgan { patient: ventricle.plan.id.clone(), beat }, lambda_0))
+}
+
 /// The settings of this call, in the folder's file.
-fn settle(args: &GsaArgs) -> Result<GsaSpec, SweepError> {
-    let before = folder::find(&args.out)?;
+async fn settle(args: &GsaArgs) -> Result<GsaSpec, CliError> {
+    let (out, base) = (args.out(), base(args).await?);
+    let beat = base.design.organ.as_ref().map(|organ| organ.beat.clone());
+    let wishes = args.wishes(beat.as_ref());
+    let before = folder::find(&out)?;
     let (spec, file) = match before {
         Some(file) => {
             let stored = spec::of(file.clone())?;
-            let spec = args.wishes().on(stored.clone())?;
-            spec::may_follow(&args.out, &stored, &spec)?;
+            let mut spec = wishes.on(stored.clone())?;
+            if args.organ.is_some() {
+                spec.design.organ = base.design.organ;
+            }
+            spec::may_follow(&out, &stored, &spec)?;
             if spec == stored {
                 return Ok(spec);
             }
             (spec, file)
         }
         None => {
-            let spec = args.wishes().on(spec::published())?;
+            let spec = wishes.on(base)?;
             let sweep = SweepSpec::Gsa(Box::new(spec.clone()));
             let version = env!("CARGO_PKG_VERSION").to_owned();
             (spec, SweepFile { schema_version: SCHEMA_VERSION, version, created: clock::now_utc(), sweep })
         }
     };
-    folder::write(&args.out, &SweepFile { sweep: SweepSpec::Gsa(Box::new(spec.clone())), ..file })?;
+    folder::write(&out, &SweepFile { sweep: SweepSpec::Gsa(Box::new(spec.clone())), ..file })?;
     Ok(spec)
 }
 
@@ -181,8 +258,9 @@ async fn finish(
     began: Instant,
     talk: &Talk,
 ) -> Result<Exit, CliError> {
+    let out = args.out();
     let whole = summary.unfinished + summary.failed + summary.cancelled == 0;
-    let found = outcome::analysed(&args.out, None, &mut phases).await;
+    let found = outcome::analysed(&out, None, &mut phases).await;
     let record = match found {
         Ok(record) => Some(record),
         // A sweep that was stopped at once has nothing to show, and says so below.
@@ -192,15 +270,15 @@ async fn finish(
     let mut files = Vec::new();
     if let Some(record) = &record {
         let writing = Instant::now();
-        files = outcome::write(&args.out, record)?;
+        files = outcome::write(&out, record)?;
         if let Some(n) = args.select {
-            files.push(folder::write_result(&args.out, "step2.toml", &selection::toml(record, n)?)?);
+            files.push(folder::write_result(&out, selection::file(record), &selection::toml(record, n)?)?);
         }
         phases.write_s = writing.elapsed().as_secs_f64();
     }
     phases.total_s = began.elapsed().as_secs_f64();
     if args.json {
-        talk.json(&Answer::new(&args.out, summary, phases, &files, record.as_ref()))?;
+        talk.json(&Answer::new(&out, summary, phases, &files, record.as_ref()))?;
     } else if let Some(record) = &record {
         talk.data(&screen::ranking(record, screen::Order::Total, talk))?;
         talk.data(&screen::remarks(record))?;
@@ -218,7 +296,8 @@ async fn finish(
 }
 
 fn hints(args: &GsaArgs, summary: &RunSummary, talk: &Talk) {
-    let folder = args.out.display();
+    let out = args.out();
+    let folder = out.display();
     if summary.stopped {
         talk.say("stopped; nothing finished is lost");
         talk.hint(&format!("`cardiotwin sweep gsa --out {folder}` goes on"));

@@ -22,7 +22,7 @@ pub struct ReportArgs {
     /// Use the first N blocks only
     #[arg(long, value_name = "N")]
     blocks: Option<u32>,
-    /// Write step 2's settings with the N most influential parameters
+    /// Write settings with the N most influential parameters: step 2's, or step 3's of an organ
     #[arg(long, value_name = "N")]
     select: Option<usize>,
 }
@@ -41,7 +41,7 @@ pub async fn execute(args: &ReportArgs, talk: &Talk) -> Result<Exit, CliError> {
     let record = outcome::analysed(&args.folder, args.blocks, &mut Phases::default()).await?;
     let mut files = outcome::write(&args.folder, &record)?;
     if let Some(n) = args.select {
-        files.push(folder::write_result(&args.folder, "step2.toml", &selection::toml(&record, n)?)?);
+        files.push(folder::write_result(&args.folder, selection::file(&record), &selection::toml(&record, n)?)?);
     }
     talk.data(&files.iter().map(|file| format!("{}\n", file.display())).collect::<String>())?;
     Ok(Exit::Ok)

@@ -29,13 +29,21 @@ pub fn ranking(record: &SensitivityRecord, order: Order, talk: &Talk) -> String 
     let mut headings: Vec<String> =
         [">RANK", "PARAMETER", ">SUM OF ST", ">RANKS", ">FIRST 9"].iter().map(|h| (*h).to_owned()).collect();
     headings.extend(record.outputs.iter().map(|output| format!(">{word} {}", short(&output.name))));
-    headings.extend([">REFERENCE", ">PAPER"].map(str::to_owned));
+    if of_cell(record) {
+        headings.push(">REFERENCE".to_owned());
+    }
+    headings.push(">PAPER".to_owned());
     let headings: Vec<&str> = headings.iter().map(String::as_str).collect();
     let mut table = Columns::new(talk, &headings);
     for ranked in &record.ranking {
         table.toned(row(record, ranked, order));
     }
     table.text()
+}
+
+/// Whether the sweep is the cell's, of which there is a reference.
+fn of_cell(record: &SensitivityRecord) -> bool {
+    record.spec.design.organ.is_none()
 }
 
 fn row(record: &SensitivityRecord, ranked: &RankedParameter, order: Order) -> Vec<(String, Option<Tone>)> {
@@ -48,7 +56,9 @@ fn row(record: &SensitivityRecord, ranked: &RankedParameter, order: Order) -> Ve
     ];
     row.extend(record.outputs.iter().map(|output| (index_of(output, &ranked.name, order), None)));
     let reference = ranked.reference.map(|r| format!("{} ({:.2})", r.rank, r.sum_of_totals));
-    row.push((reference.unwrap_or_else(|| "-".into()), None));
+    if of_cell(record) {
+        row.push((reference.unwrap_or_else(|| "-".into()), None));
+    }
     row.push((paper(ranked), None));
     row
 }
@@ -77,7 +87,10 @@ fn with_half_width(value: f64, half_width: Option<f64>) -> String {
 
 /// Without its unit.
 fn short(biomarker: &str) -> &str {
-    ["_kPa_per_ms", "_kPa", "_ms"].iter().find_map(|unit| biomarker.strip_suffix(unit)).unwrap_or(biomarker)
+    ["_kPa_per_ms", "_mmHg_per_ms", "_kPa", "_mmHg", "_ms", "_mL"]
+        .iter()
+        .find_map(|unit| biomarker.strip_suffix(unit))
+        .unwrap_or(biomarker)
 }
 
 /// The largest second-order indices of each biomarker.

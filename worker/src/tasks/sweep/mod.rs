@@ -1,31 +1,41 @@
-//! A chunk of a sensitivity sweep: complete Saltelli blocks of the 0D cell, on the batched engine.
+//! A chunk of a sensitivity sweep: complete Saltelli blocks of the 0D cell, or of the organ with that cell.
 //!
 //! A sample's numbers depend on its own parameters alone, so they are the same however the design is cut into chunks and
 //! on however many threads a chunk is computed.
 //!
 //! Lines are kept as they are computed ([`SampleLog`]): an attempt begins at the first sample that earlier ones did not leave.
 //!
-//! Artefact: `samples.csv`, one line a sample in the design's order, columns as in [`SAMPLES_HEADING`].
+//! Artefact: `samples.csv`, one line a sample in the design's order, columns as in [`SAMPLES_HEADING`] for the cell and in
+//! [`ORGAN_SAMPLES_HEADING`](cardiotwin_schemas::sweep::ORGAN_SAMPLES_HEADING) for the organ.
+
+mod cell;
+mod organ;
 
 use cardiotwin_calibrate::Interval;
 use cardiotwin_calibrate::sobol::{DesignSettings, SaltelliDesign};
-use cardiotwin_cell_engine::{
-    CellEngine, CellInput, CellOutput, CellStatus, EngineSettings, NegativeKwu, SimdPath, Workspace,
-};
 use cardiotwin_schemas::outcome::{CellSweepResult, TaskResult};
+#[cfg(doc)]
 use cardiotwin_schemas::sweep::SAMPLES_HEADING;
 use cardiotwin_schemas::task::{CellSweepSpec, TaskSpec};
+use rayon::{ThreadPool, ThreadPoolBuilder};
 
-use crate::cell_parameters::{NamedCell, position};
 use crate::context::Context;
-use crate::engine::settings_for;
 use crate::error::TaskError;
 use crate::sample_log::{self, SampleLog};
 
-/// Blocks after which is looked whether to stop, for each thread: some milliseconds of work.
-const BLOCKS_AT_ONCE: usize = 16;
-/// Cells that a thread takes at a time.
-const CELLS_AT_ONCE: usize = 176;
+/// What is swept.
+trait Model {
+    /// First line of `samples.csv`.
+    const HEADING: &'static str;
+    /// Blocks after which is looked whether to stop, for each thread.
+    const BLOCKS_AT_ONCE: usize;
+
+    /// Instruction set of the arithmetic: results agree between sets to rounding errors.
+    fn arithmetic(&self) -> &'static str;
+
+    /// The samples' lines from `status` on.
+    fn lines(&mut self, rows: &[Vec<f64>], pool: Option<&ThreadPool>) -> Result<Vec<String>, TaskError>;
+}
 
 /// Computes the chunk.
 ///
@@ -33,24 +43,21 @@ const CELLS_AT_ONCE: usize = 176;
 /// [`TaskError`] when the design makes no sense, a name is unknown, or stopping was asked for. What goes wrong with a
 /// sample stands in its line.
 pub fn run(spec: &CellSweepSpec, context: &mut Context) -> Result<TaskResult, TaskError> {
+    match &spec.design.organ {
+        None => chunk(spec, cell::Cells::of(&spec.design, context.instruction_set)?, context),
+        Some(organ) => chunk(spec, organ::Beats::of(&spec.design, &organ.beat)?, context),
+    }
+}
+
+fn chunk<M: Model>(spec: &CellSweepSpec, mut model: M, context: &mut Context) -> Result<TaskResult, TaskError> {
     let blocks = spec.first_block as usize..(spec.first_block + spec.n_blocks) as usize;
     let design = design(spec, blocks.end)?;
-    let cell = Cell::of(spec)?;
-    let engine = CellEngine::new(EngineSettings {
-        tolerance: spec.design.tolerance,
-        // As the published analysis: the box reaches into it, and the equations hold there.
-        negative_kwu: NegativeKwu::Keep,
-        ..settings_for(context.instruction_set)
-    })?;
-    let threads =
-        (context.threads > 1).then(|| rayon::ThreadPoolBuilder::new().num_threads(context.threads as usize).build());
+    let threads = (context.threads > 1).then(|| ThreadPoolBuilder::new().num_threads(context.threads as usize).build());
     let pool = threads.transpose().map_err(TaskError::Threads)?;
     let rows_per_block = design.rows_per_block();
-    let mut workspace = Workspace::new();
     let mut counts = Counts::default();
-    let mut outputs = Vec::new();
-    let (mut log, mut lines) = open_log(spec, engine.path(), rows_per_block, &mut counts, context)?;
-    let step = BLOCKS_AT_ONCE * context.threads.max(1) as usize;
+    let (mut log, mut lines) = open_log(spec, model.arithmetic(), rows_per_block, &mut counts, context)?;
+    let step = M::BLOCKS_AT_ONCE * context.threads.max(1) as usize;
     let total = blocks.len() * rows_per_block;
     for first in (blocks.start + lines.len() / rows_per_block..blocks.end).step_by(step) {
         context.check_stop()?;
@@ -59,36 +66,29 @@ pub fn run(spec: &CellSweepSpec, context: &mut Context) -> Result<TaskResult, Ta
         // Of a block that was parted by the end of an earlier attempt.
         let there = done - (first - blocks.start) * rows_per_block;
         let rows = design.rows(first..blocks.end.min(first + step));
-        let inputs: Vec<CellInput> = rows.iter().skip(there).map(|row| cell.input(row)).collect();
-        outputs.clear();
-        outputs.resize(inputs.len(), CellOutput::default());
-        match &pool {
-            Some(pool) => pool.install(|| engine.evaluate_parallel(&inputs, None, CELLS_AT_ONCE, &mut outputs))?,
-            None => engine.evaluate(&inputs, &mut workspace, &mut outputs)?,
-        }
-        for (row, output) in (there..).zip(&outputs) {
-            let line = line(first + row / rows_per_block, row % rows_per_block, output);
+        for (row, line) in (there..).zip(model.lines(&rows[there..], pool.as_ref())?) {
+            let line = format!("{},{},{line}", first + row / rows_per_block, row % rows_per_block);
             counts.count(&line);
             lines.push(line);
         }
         log.append(lines[done..].iter().map(String::as_str)).map_err(|source| unwritten(context, source))?;
     }
-    let text = [SAMPLES_HEADING].into_iter().chain(lines.iter().map(String::as_str));
+    let text = [M::HEADING].into_iter().chain(lines.iter().map(String::as_str));
     let text = text.fold(String::new(), |text, line| text + line + "\n");
     context.artefacts.write("samples", "samples.csv", &text)?;
-    Ok(TaskResult::CellSweep(counts.result(engine.path())))
+    Ok(TaskResult::CellSweep(counts.result(model.arithmetic())))
 }
 
 /// The log of this attempt, with the first lines of the chunk as far as earlier attempts of the same arithmetic left them.
 fn open_log(
     spec: &CellSweepSpec,
-    path: SimdPath,
+    arithmetic: &str,
     rows_per_block: usize,
     counts: &mut Counts,
     context: &Context,
 ) -> Result<(SampleLog, Vec<String>), TaskError> {
     let key = TaskSpec::CellSweep(Box::new(spec.clone())).key();
-    let about = format!("{key} {}", arithmetic(path));
+    let about = format!("{key} {arithmetic}");
     let (log, mut lines) =
         SampleLog::open(&context.checkpoints, &about).map_err(|source| unwritten(context, source))?;
     let (first, n) = (spec.first_block as usize, spec.n_blocks as usize * rows_per_block);
@@ -114,73 +114,6 @@ fn design(spec: &CellSweepSpec, n_blocks: usize) -> Result<SaltelliDesign, TaskE
     Ok(SaltelliDesign::new(&intervals, settings)?)
 }
 
-/// The cell that every sample differs from in the swept parameters.
-struct Cell {
-    base: CellInput,
-    swept: Vec<usize>,
-}
-
-impl Cell {
-    fn of(spec: &CellSweepSpec) -> Result<Self, TaskError> {
-        let of = &spec.design;
-        let base = NamedCell::new(of.cycle_length_ms, of.lambda_0).with(&of.fixed)?.input();
-        let swept = of.parameters.iter().map(|p| position(&p.name)).collect::<Result<_, _>>()?;
-        Ok(Self { base, swept })
-    }
-
-    fn input(&self, row: &[f64]) -> CellInput {
-        let mut input = self.base;
-        for (at, value) in self.swept.iter().zip(row) {
-            input.parameters[*at] = *value;
-        }
-        input
-    }
-}
-
-/// The word for a status in `samples.csv`.
-fn status(status: CellStatus) -> &'static str {
-    match status {
-        CellStatus::Periodic => "periodic",
-        CellStatus::NotPeriodic => "not-periodic",
-        // Without a bound of the cost nothing is given up.
-        CellStatus::Hopeless | CellStatus::Stuck { .. } => "stuck",
-        CellStatus::Refused(_) => "refused",
-    }
-}
-
-/// A sample's line. `{:?}` is the shortest form of a number that reads back to the same.
-fn line(block: usize, row: usize, output: &CellOutput) -> String {
-    let word = status(output.status);
-    match output.status {
-        CellStatus::Periodic | CellStatus::NotPeriodic => {
-            let b = &output.biomarkers;
-            let cut = u8::from(b.std30.cut || b.std50.cut || b.std90.cut);
-            format!(
-                "{block},{row},{word},{:?},{:?},{:?},{:?},{:?},{cut},{:?},{:?},{:?},{:?},{}",
-                b.sa_max_kpa,
-                b.dsa_dt_max_kpa_per_ms,
-                b.std30.ms,
-                b.std50.ms,
-                b.std90.ms,
-                b.lambda_min,
-                b.sa_res_kpa,
-                b.sa_min_kpa,
-                b.max_rise_after_peak_kpa_per_ms,
-                output.beats
-            )
-        }
-        _ => format!("{block},{row},{word},,,,,,,,,,,{}", output.beats),
-    }
-}
-
-fn arithmetic(path: SimdPath) -> &'static str {
-    match path {
-        SimdPath::Portable => "portable",
-        SimdPath::Avx2 => "avx2",
-        SimdPath::Avx512 => "avx512",
-    }
-}
-
 #[derive(Debug, Default)]
 struct Counts {
     periodic: u64,
@@ -193,23 +126,23 @@ impl Counts {
     /// Counts a line; false where it has no status.
     fn count(&mut self, line: &str) -> bool {
         *match line.split(',').nth(2).unwrap_or_default() {
-            "periodic" => &mut self.periodic,
+            "periodic" | "finished" => &mut self.periodic,
             "not-periodic" => &mut self.not_periodic,
-            "stuck" => &mut self.stuck,
+            "stuck" | "diverged" => &mut self.stuck,
             "refused" => &mut self.refused,
             _ => return false,
         } += 1;
         true
     }
 
-    fn result(&self, path: SimdPath) -> CellSweepResult {
+    fn result(&self, arithmetic: &str) -> CellSweepResult {
         CellSweepResult {
             n_samples: self.periodic + self.not_periodic + self.stuck + self.refused,
             n_periodic: self.periodic,
             n_not_periodic: self.not_periodic,
             n_stuck: self.stuck,
             n_refused: self.refused,
-            arithmetic: arithmetic(path).to_owned(),
+            arithmetic: arithmetic.to_owned(),
         }
     }
 }
@@ -217,7 +150,8 @@ impl Counts {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use cardiotwin_schemas::sweep::{CellDesign, SweptParameter};
+    use cardiotwin_cell_engine::{CellEngine, CellInput, CellOutput, EngineSettings, NegativeKwu, Workspace};
+    use cardiotwin_schemas::sweep::{CellDesign, SAMPLES_HEADING, SweptParameter};
     use std::collections::BTreeMap;
 
     fn spec(first_block: u32, n_blocks: u32) -> CellSweepSpec {
@@ -235,6 +169,7 @@ mod tests {
                 lambda_0: 1.1,
                 fixed: BTreeMap::from([("a_p_kPa".to_owned(), 42.0)]),
                 tolerance: 1e-4,
+                organ: None,
             },
             first_block,
             n_blocks,
