@@ -10,7 +10,7 @@ use crate::sweep::SweepError;
 /// Scale of the cell's passive stress: the paper fits it beside what the sensitivity analysis selects.
 const PASSIVE: (&str, [f64; 2]) = ("a_p_kPa", [1.0, 100.0]);
 
-/// Name of the file that [`toml`] fills.
+/// Name of the file for [`toml()`].
 #[must_use]
 pub fn file(record: &SensitivityRecord) -> &'static str {
     if record.spec.design.organ.is_some() { "step3.toml" } else { "step2.toml" }
