@@ -14,7 +14,8 @@ use crate::organ::{
 use crate::outcome::PassiveStateResult;
 use crate::settings::{ActivationSettings, Fidelity, Settings, StartMode};
 use crate::task::{
-    InputFile, OrganBeatSpec, PassiveStateSpec, Step1ProposalSpec, Step1Run, Step3ProposalSpec, Step3Run, TaskSpec,
+    CellInOrgan, InputFile, OrganBeatSpec, PassiveStateSpec, Step1ProposalSpec, Step1Run, Step3ProposalSpec, Step3Run,
+    TaskSpec,
 };
 
 /// Proposals of all patients draw the same: the data make the difference.
@@ -159,18 +160,17 @@ impl ResolvedPatient {
 
     /// What to simulate next in step 3, by space mapping.
     ///
-    /// - `beat`: the verification beat
-    /// - `lambda_max`: largest stretch of any node
-    /// - `runs`: it and the beats of step 3 so far
+    /// - `cell`: what step 3 begins with
+    /// - `runs`: the verification beat and those of step 3 so far
     #[must_use]
     pub fn step3_proposal_spec(
         &self,
         step0: &PassiveStateResult,
-        beat: OrganBeatSpec,
-        lambda_max: f64,
+        cell: &CellInOrgan,
         runs: Vec<Step3Run>,
     ) -> Step3ProposalSpec {
         let Settings { solver, step3, .. } = &self.settings;
+        let CellInOrgan { beat, lambda_max, step1 } = cell.clone();
         let newton_iterations = solver.newton_iterations;
         Step3ProposalSpec {
             parameters: step3.moved(&beat.valves),
@@ -178,6 +178,7 @@ impl ResolvedPatient {
             measured: step0.measured,
             runs,
             lambda_max,
+            step1,
             uncertainty_percent: step3.uncertainty_percent.clone(),
             upstroke: step3.upstroke(&step0.time_points),
             seed: PROPOSAL_SEED,

@@ -89,7 +89,8 @@ impl TaskSpec {
             Self::Discover(_) => 4,
             Self::Step1Proposal(_) => 6,
             Self::CellFit(_) | Self::OrganBeat(_) => 5,
-            Self::Targets(_) | Self::Step3Proposal(_) => 3,
+            Self::Step3Proposal(_) => 4,
+            Self::Targets(_) => 3,
             Self::CellSweep(_) => 2,
             Self::Noop(_) => 1,
         }
@@ -304,11 +305,35 @@ pub struct Step3ProposalSpec {
     pub parameters: BTreeMap<String, MovedParameter>,
     /// Standard deviation of each measured biomarker, percent of its value; one that is absent does not count.
     pub uncertainty_percent: BTreeMap<String, f64>,
+    /// Step 1's best beat: what the organ makes of a beat near the measurements.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub step1: Option<Step1Beat>,
     /// When the pressure is to rise; none where that does not count.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub upstroke: Option<Upstroke>,
     /// Seed of the points from which the optimum is sought.
     pub seed: u64,
+}
+
+/// A beat of step 1, as step 3 sees it.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Step1Beat {
+    /// What was simulated.
+    pub parameters: Step1Parameters,
+    /// What came out.
+    pub biomarkers: Biomarkers,
+}
+
+/// A patient's cell in the organ: what step 3 begins with.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CellInOrgan {
+    /// The verification beat.
+    pub beat: OrganBeatSpec,
+    /// Largest stretch of any node in step 1's best beat.
+    pub lambda_max: f64,
+    /// Step 1's best beat.
+    pub step1: Option<Step1Beat>,
 }
 
 /// Upstroke of the measured pressure: its crossing of the minimum and a tenth of the amplitude.

@@ -21,7 +21,9 @@ use cardiotwin_schemas::outcome::{
 use cardiotwin_schemas::plan::{ResolvedPatient, Workflow};
 use cardiotwin_schemas::record::{StallReason, Step1Quality, Step1Summary, Step3Ending, Step3Summary};
 use cardiotwin_schemas::settings::{LastStep, Update};
-use cardiotwin_schemas::task::{InputFile, NoopSpec, OrganBeatSpec, Step1Run, TargetsSpec, TaskSpec};
+use cardiotwin_schemas::task::{
+    CellInOrgan, InputFile, NoopSpec, OrganBeatSpec, Step1Beat, Step1Run, TargetsSpec, TaskSpec,
+};
 use cardiotwin_schemas::verdict::Verdict;
 
 use super::{step1, step2, step3};
@@ -140,6 +142,10 @@ impl<'a> Derivation<'a, '_> {
         let parameters = summary.parameters;
         self.chain.step1 = Some(summary);
         let (targets, calcium) = self.targets(&best)?;
+        let TaskResult::OrganBeat(beat) = best.result else {
+            return Err(wrong_kind(Step::only(Stage::Targets), best.result));
+        };
+        let of_step1 = Step1Beat { parameters, biomarkers: step1::of_step1(&beat.biomarkers) };
         let lambda_max = targets.lambda_max;
         let fit = self.step2(targets, calcium.clone())?;
         if self.plan.settings.verification.enabled {
@@ -147,7 +153,8 @@ impl<'a> Derivation<'a, '_> {
             let beat = self.cell_beat(&step0, contraction, parameters.valves);
             let verified = self.verification(&step0, &beat)?;
             if self.plan.settings.workflow.until == LastStep::Step3 {
-                self.step3(&step0, &beat, lambda_max, verified)?;
+                let cell = CellInOrgan { beat, lambda_max, step1: Some(of_step1) };
+                self.step3(&step0, &cell, verified)?;
             }
         }
         Ok(())
@@ -462,13 +469,7 @@ impl<'a> Derivation<'a, '_> {
         Ok(beat)
     }
 
-    fn step3(
-        &mut self,
-        step0: &PassiveStateResult,
-        beat: &OrganBeatSpec,
-        lambda_max: f64,
-        verified: step3::Beat,
-    ) -> Derived<()> {
+    fn step3(&mut self, step0: &PassiveStateResult, cell: &CellInOrgan, verified: step3::Beat) -> Derived<()> {
         let settings = &self.plan.settings.step3;
         let measured = &step0.measured;
         let mut beats = vec![verified];
@@ -480,14 +481,14 @@ impl<'a> Derivation<'a, '_> {
             if number > settings.max_iterations {
                 break Step3Ending::IterationLimit;
             }
-            let Some((parameters, promised)) = self.step3_proposal(step0, beat, lambda_max, &beats)? else {
+            let Some((parameters, promised)) = self.step3_proposal(step0, cell, &beats)? else {
                 break Step3Ending::NoPromise;
             };
             if !step3::worth_it(&beats, promised) {
                 break Step3Ending::NoPromise;
             }
             let step = Step { stage: Stage::Step3, number };
-            let spec = beat.with_parameters(&parameters);
+            let spec = cell.beat.with_parameters(&parameters);
             let (task, simulated) = self.beat_with_cell(step, spec, parameters.clone(), step0)?;
             let simulated = simulated.unwrap_or_else(|_| step3::Beat::failed(parameters.clone()));
             self.chain.step3_iterations.push(Step3ChainIteration {
@@ -522,14 +523,13 @@ impl<'a> Derivation<'a, '_> {
     fn step3_proposal(
         &mut self,
         step0: &PassiveStateResult,
-        beat: &OrganBeatSpec,
-        lambda_max: f64,
+        cell: &CellInOrgan,
         beats: &[step3::Beat],
     ) -> Derived<Option<(BTreeMap<String, f64>, f64)>> {
         let number = beats.len() as u32;
         let step = Step { stage: Stage::Step3Proposal, number };
         let runs = beats.iter().map(step3::Beat::told).collect();
-        let spec = self.plan.step3_proposal_spec(step0, beat.clone(), lambda_max, runs);
+        let spec = self.plan.step3_proposal_spec(step0, cell, runs);
         let done = match self.result(step, TaskSpec::Step3Proposal(Box::new(spec))) {
             Ok(done) => done,
             Err(Next::Failed { failure, .. }) if failure.class == FailureClass::Numerics => return Ok(None),

@@ -17,7 +17,7 @@ pub(super) fn logarithms(expensive: &Biomarkers, cheap: &Biomarkers) -> [Option<
     Biomarker::ALL.map(|biomarker| expensive.ratio_to(cheap, biomarker).map(f64::ln))
 }
 
-/// Correction by biomarker: exp(d + s·(x − x_b)), d exact at the base, s through all runs as well as the ridge lets it.
+/// Correction by biomarker: exp(d + s·(x − x_b)), d the base's or between it and what is expected, s through all runs as well as the ridge lets it.
 #[derive(Debug, Clone)]
 pub(super) struct Correction {
     base: Vec<f64>,
@@ -31,8 +31,16 @@ impl Correction {
         Self { base: vec![0.0; n_parameters], at_base: expected, slopes: vec![DVector::zeros(n_parameters); N] }
     }
 
-    /// From the runs' logarithms of parameters and of factors; `base` is exact, what it lacks is as expected.
-    pub(super) fn of(base: usize, runs: &[(Vec<f64>, [Option<f64>; N])], expected: [f64; N]) -> Self {
+    /// From the runs' logarithms of parameters and of factors.
+    ///
+    /// `weights`: how much the base's own factor counts, by biomarker; 1 makes it exact there. The rest, and what the base
+    /// lacks, is as expected.
+    pub(super) fn of(
+        base: usize,
+        runs: &[(Vec<f64>, [Option<f64>; N])],
+        expected: [f64; N],
+        weights: &[f64; N],
+    ) -> Self {
         let (x_b, d_b) = &runs[base];
         let n = x_b.len();
         let slope = |j: usize| {
@@ -53,7 +61,8 @@ impl Correction {
             others.iter().zip(weights.iter()).fold(DVector::zeros(n), |sum, ((step, _), weight)| sum + step * *weight)
         };
         let slopes = (0..N).map(slope).collect();
-        let at_base = std::array::from_fn(|j| d_b[j].unwrap_or(expected[j]));
+        let at_base =
+            std::array::from_fn(|j| d_b[j].map_or(expected[j], |d| expected[j] + weights[j] * (d - expected[j])));
         Self { base: x_b.clone(), at_base, slopes }
     }
 

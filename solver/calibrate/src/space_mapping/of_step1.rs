@@ -90,6 +90,7 @@ pub fn propose_step1(
         prior: &[],
         nearness: NEARNESS,
         expected: problem.expected,
+        reach: [f64::INFINITY; Biomarker::ALL.len()],
         first_radius: FIRST_RADIUS,
         effort: EFFORT,
         seed: problem.seed,

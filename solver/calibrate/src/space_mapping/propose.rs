@@ -76,6 +76,9 @@ pub struct Problem<'a> {
     pub nearness: Nearness,
     /// Factors of the cheap model's biomarkers that are expected before any run, in the order of [`Biomarker::ALL`].
     pub expected: [f64; Biomarker::ALL.len()],
+    /// How far from its measurement, as a logarithm, the best run's biomarker speaks for half of its factor, and what is
+    /// expected for the other half; infinite: the best run alone speaks.
+    pub reach: [f64; Biomarker::ALL.len()],
     /// How far the first corrected step may go: largest change of a logarithm.
     pub first_radius: f64,
     /// How hard the search tries.
@@ -110,7 +113,8 @@ pub struct Proposal {
 /// What to simulate next: a pure function, if `cheap` is one. None when nothing is left to try.
 ///
 /// Before the first run the optimum of the cheap model times what is expected; then that of the cheap model times the
-/// correction, which makes it exact at the best run, within the trust region around that. A run without a whole beat leads
+/// correction, which makes it exact at the best run once that is near the measurement ([`Problem::reach`]), within the trust
+/// region around that run. A run without a whole beat leads
 /// on until there is a whole one, by the biomarkers that it has; one that failed shortens the step. Where no run is of use,
 /// the start is next.
 pub fn propose(problem: &Problem<'_>, cheap: &dyn Fn(&[f64]) -> Trial) -> Option<Proposal> {
@@ -162,6 +166,15 @@ impl<'a> Search<'a> {
 
     fn expected(&self) -> [f64; super::correction::N] {
         self.problem.expected.map(f64::ln)
+    }
+
+    /// How much the base's own factor of each biomarker counts, 1 for all: less, the farther it lies from what is measured.
+    fn weights_of_base(&self, base: usize) -> [f64; super::correction::N] {
+        let found = found(&self.problem.runs[base].outcome);
+        std::array::from_fn(|j| {
+            let ratio = found.and_then(|found| found.ratio_to(self.problem.measured, Biomarker::ALL[j]));
+            ratio.map_or(1.0, |ratio| 1.0 / (1.0 + (ratio.ln() / self.problem.reach[j]).powi(2)))
+        })
     }
 
     fn is_whole(&self, run: usize) -> bool {
@@ -250,7 +263,7 @@ impl<'a> Search<'a> {
         };
         let all: Vec<_> = used.iter().map(|i| &runs[*i]).zip(&trials).map(factors).collect();
         let position = used.iter().position(|i| *i == base)?;
-        let correction = Correction::of(position, &all, self.expected());
+        let correction = Correction::of(position, &all, self.expected(), &self.weights_of_base(base));
         let intervals = self.around(centre, radius);
         let start = Self::clamped(centre, &intervals);
         let shift = shift(&runs[base], &trials[position]);

@@ -198,6 +198,7 @@ fn other_residuals_are_exact_at_the_best_run() {
         prior: &[],
         nearness: Nearness { at_first: 0.0, of_best: 0.0 },
         expected: [1.0; 7],
+        reach: [f64::INFINITY; 7],
         first_radius: 3.0,
         effort: Effort::Gradients { points: 8, best: 1, local },
         seed: 1,
@@ -206,6 +207,51 @@ fn other_residuals_are_exact_at_the_best_run() {
     assert!((proposal.x[0] - 1.2_f64.ln()).abs() < 1e-4, "{:?}", proposal.x);
     assert!((proposal.x[1] - 1.5).abs() < 1e-4, "{:?}", proposal.x);
     assert!(proposal.misfit < 1e-6, "{}", proposal.misfit);
+}
+
+#[test]
+fn a_run_far_from_the_measurement_speaks_less_of_the_factors_than_what_is_expected() {
+    let simulated = |value: f64| {
+        let mut found = Biomarkers::default();
+        found.set(Biomarker::ALL[0], Some(value));
+        Outcome::Simulated(found)
+    };
+    // Twice the cheap model's value at the start; 1.2 times is expected.
+    let cheap = |x: &[f64]| Trial::from(simulated(100.0 * x[0].exp()));
+    let run = Run { x: vec![0.0], outcome: simulated(200.0), also: Vec::new(), predicted_misfit: None };
+    let factor = |measured_value: f64, reach: f64| {
+        let mut measured = Biomarkers::default();
+        measured.set(Biomarker::ALL[0], Some(measured_value));
+        let local = crate::least_squares::Settings {
+            cost_tolerance: 1e-12,
+            step_tolerance: 1e-9,
+            max_steps: 50,
+            difference_step: 1e-4,
+        };
+        let problem = Problem {
+            measured: &measured,
+            weights: &Weights::default(),
+            runs: std::slice::from_ref(&run),
+            start: &[0.0],
+            intervals: &[Interval::new(-2.0, 2.0)],
+            prior: &[],
+            nearness: Nearness { at_first: 0.0, of_best: 0.0 },
+            expected: [1.2; 7],
+            reach: [reach; 7],
+            first_radius: 3.0,
+            effort: Effort::Gradients { points: 8, best: 1, local },
+            seed: 1,
+        };
+        super::propose(&problem, &cheap).expect("a proposal").correction[0].1
+    };
+    assert!((factor(200.0, 0.1) - 2.0).abs() < 1e-12, "on the measurement the run is exact");
+    let half = factor(200.0 * 0.1_f64.exp(), 0.1);
+    assert!(
+        (half - (2.0 * 1.2_f64).sqrt()).abs() < 1e-12,
+        "{half}: the geometric mean where the run lies one reach off"
+    );
+    assert!((factor(400.0, 0.01) / 1.2 - 1.0).abs() < 1e-3, "far off nearly as expected");
+    assert_eq!(factor(400.0, f64::INFINITY), 2.0);
 }
 
 #[test]

@@ -7,9 +7,9 @@ use cardiotwin_calibrate::fixed_point::{Biomarker, Outcome, Weights};
 use cardiotwin_calibrate::least_squares;
 use cardiotwin_calibrate::space_mapping::{Effort, Nearness, Prior, Problem, Run, Trial, propose};
 use cardiotwin_models::contraction::LAMBDA_CAP;
-use cardiotwin_schemas::organ::cell_default;
+use cardiotwin_schemas::organ::{ActivationSpec, ContractionSpec, OneFibrePassive, Step1Parameters, cell_default};
 use cardiotwin_schemas::outcome::{Step3ProposalResult, TaskResult};
-use cardiotwin_schemas::task::{MovedParameter, OrganBeatSpec, Step3ProposalSpec};
+use cardiotwin_schemas::task::{MovedParameter, OrganBeatSpec, Step1Beat, Step3ProposalSpec};
 
 use super::one_fibre;
 use crate::context::Context;
@@ -19,11 +19,13 @@ use crate::tasks::organ_beat::{reduced, reduced_beat};
 
 /// The organ's factors are known at the best beat alone: among cells that serve alike the nearest is the surest.
 const NEARNESS: Nearness = Nearness { at_first: 0.0, of_best: 1.0 };
-/// Organ over one-fibre ventricle that is expected of each biomarker before any beat: alike.
-const EXPECTED: [f64; Biomarker::ALL.len()] = [1.0; Biomarker::ALL.len()];
+/// How far a beat's biomarker may lie from its measurement, as a logarithm, before step 1's beat says more of its factor:
+/// step 1's is near the measurements, as a twin is (docs/step3.md).
+const REACH: f64 = 0.1;
 
-/// Change of a parameter's logarithm that the first step may make: the bounds limit it first (docs/step3.md has others).
-const FIRST_RADIUS: f64 = 2.5;
+/// Change of a parameter's logarithm that the first step may make: no bounds of step 3 are farther apart, so that they alone
+/// limit it.
+const FIRST_RADIUS: f64 = 10.0;
 /// Shortest time step of the one-fibre ventricle in a search: the correction takes up what that changes.
 const TIME_STEP_MS: f64 = 2.0;
 
@@ -72,6 +74,10 @@ pub fn run(spec: &Step3ProposalSpec, context: &mut Context) -> Result<TaskResult
     let intervals: Vec<Interval> = axes.iter().map(|axis| axis.interval).collect();
     let prior: Vec<Prior> = axes.iter().map(|axis| axis.prior).collect();
     let start: Vec<f64> = prior.iter().map(|prior| prior.centre).collect();
+    let expected = match &spec.step1 {
+        Some(of_step1) => expected(of_step1, &beat, &passive, &activation),
+        None => [1.0; Biomarker::ALL.len()],
+    };
     let problem = Problem {
         measured: &step1::biomarkers(&spec.measured),
         weights: &Weights::of_uncertainty_percent(&spec.uncertainty_percent),
@@ -80,7 +86,8 @@ pub fn run(spec: &Step3ProposalSpec, context: &mut Context) -> Result<TaskResult
         intervals: &intervals,
         prior: &prior,
         nearness: NEARNESS,
-        expected: EXPECTED,
+        expected,
+        reach: Biomarker::ALL.map(|b| if is_of_relaxation(b) { f64::INFINITY } else { REACH }),
         first_radius: FIRST_RADIUS,
         effort: if spec.runs.len() > 1 { NEARBY } else { FAR },
         seed: spec.seed,
@@ -98,6 +105,29 @@ pub fn run(spec: &Step3ProposalSpec, context: &mut Context) -> Result<TaskResult
         correction: step1::factors(&proposal),
         reduced_beats: proposal.cheap_beats as u64,
     }))
+}
+
+/// The Tanh stress of step 1 relaxes otherwise than a cell: its factor says nothing of the twin's.
+fn is_of_relaxation(biomarker: Biomarker) -> bool {
+    biomarker == Biomarker::DpdtMin
+}
+
+/// Organ over one-fibre ventricle of step 1's best beat, by biomarker; 1 where either lacks it.
+fn expected(
+    of_step1: &Step1Beat,
+    beat: &OrganBeatSpec,
+    passive: &OneFibrePassive,
+    activation: &ActivationSpec,
+) -> [f64; Biomarker::ALL.len()] {
+    let Step1Parameters { tanh, valves } = of_step1.parameters;
+    let beat = OrganBeatSpec { contraction: ContractionSpec::Tanh { parameters: tanh }, valves, ..beat.clone() };
+    let simulated = reduced_beat(&beat, passive, activation).ok().flatten();
+    let one_fibre = simulated.map(|beat| step1::biomarkers(&beat.biomarkers)).unwrap_or_default();
+    let organ = step1::biomarkers(&of_step1.biomarkers);
+    Biomarker::ALL.map(|biomarker| match organ.ratio_to(&one_fibre, biomarker) {
+        Some(ratio) if !is_of_relaxation(biomarker) => ratio,
+        _ => 1.0,
+    })
 }
 
 /// Whether Ca50 stays above the resting calcium up to a stretch.
