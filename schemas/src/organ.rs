@@ -290,7 +290,7 @@ pub struct ActivationSpec {
     pub spread_ms: f64,
     /// Number of parts, each with its own time.
     pub groups: u32,
-    /// First activation after the beat's start.
+    /// First activation after the beat's start, before it where negative.
     pub onset_ms: f64,
 }
 

@@ -122,7 +122,7 @@ pub struct ActivationSettings {
     pub spread_ms: f64,
     /// Parts of the wall, each with its own time.
     pub groups: u32,
-    /// First activation after the trace's time zero; absent: found from the measured pressure upstroke.
+    /// First activation after the trace's time zero, before it where negative; absent: found from the measured pressure upstroke.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub onset_ms: Option<f64>,
 }

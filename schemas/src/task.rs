@@ -85,7 +85,7 @@ impl TaskSpec {
     #[must_use]
     pub fn model_version(&self) -> u32 {
         match self {
-            Self::PassiveState(_) => 5,
+            Self::PassiveState(_) => 6,
             Self::Discover(_) => 4,
             Self::Step1Proposal(_) => 6,
             Self::CellFit(_) | Self::OrganBeat(_) => 5,

@@ -175,7 +175,7 @@ impl List {
         self.within("solver.activation.spread_ms", solver.activation.spread_ms, 0.0, 300.0);
         self.count("solver.activation.groups", solver.activation.groups, 1, 1000);
         if let Some(onset_ms) = solver.activation.onset_ms {
-            self.within("solver.activation.onset_ms", onset_ms, 0.0, 1000.0);
+            self.within("solver.activation.onset_ms", onset_ms, -100.0, 1000.0);
         }
         self.finite_element(&solver.finite_element);
     }

@@ -144,9 +144,19 @@ impl PointContraction {
             trial: now.clone(),
             now,
         };
-        points.begin_step(0.0);
-        points.now.ca_um.clone_from(&points.trial.ca_um);
+        points.begin(0.0);
         points
+    }
+
+    /// The earliest activation of these points, zero if none is before the beat.
+    pub(super) fn earliest_activation_ms(&self) -> f64 {
+        self.activation_ms.iter().fold(0.0, |earliest, t| earliest.min(*t))
+    }
+
+    /// Sets the time at which the first step begins.
+    pub(super) fn begin(&mut self, time_ms: f64) {
+        self.begin_step(time_ms);
+        self.now.ca_um.clone_from(&self.trial.ca_um);
     }
 
     /// The same with viscous stress along the fibre. It is no part of the active stress of the nodal traces.

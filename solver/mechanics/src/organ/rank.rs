@@ -6,7 +6,7 @@
 use std::sync::Arc;
 
 use cardiotwin_models::effects::FibreViscosity;
-use cardiotwin_models::ventricle::VentricleError;
+use cardiotwin_models::ventricle::{VentricleError, steps_before_the_beat};
 
 use super::contraction::{NodeAverage, PointContraction, SharedModel};
 use super::end_diastole::EndDiastole;
@@ -241,12 +241,23 @@ impl OrganRank {
             &deformation,
         )
         .with_viscosity(setup.viscosity);
-        // The stress at time zero: a step of vanishing length at constant stretch.
+        // The same steps on all ranks.
+        let mut latest = [-points.earliest_activation_ms()];
+        dynamics.comm.max(&mut latest);
+        let earliest_ms = -latest[0];
+        points.begin(earliest_ms);
         let mut active = vec![];
-        points
-            .evaluate(1e-6, &deformation, &mut active)
-            .map_err(|source| VentricleError::Contraction { t_ms: 0.0, source })?;
-        points.commit();
+        let mut step = |end_ms, dt_ms| {
+            points.begin_step(end_ms);
+            let evaluated = points.evaluate(dt_ms, &deformation, &mut active);
+            evaluated.map_err(|source| VentricleError::Contraction { t_ms: end_ms, source })?;
+            points.commit();
+            Ok::<(), VentricleError>(())
+        };
+        // What is activated before time zero contracts at its end-diastolic length until then.
+        steps_before_the_beat(earliest_ms).try_for_each(|(end_ms, dt_ms)| step(end_ms, dt_ms))?;
+        // The stress at time zero: a step of vanishing length at constant stretch.
+        step(0.0, 1e-6)?;
         let mut now = dynamics.start(u, active, pressure_kpa).map_err(|s| failed(&inverted(s)))?;
         // What the solver of step 0 left is no load: the beat begins at rest.
         now.motion.a.fill(0.0);

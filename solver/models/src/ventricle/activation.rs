@@ -7,7 +7,8 @@ use serde::{Deserialize, Serialize};
 /// How the groups of a reduced ventricle are activated.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct ActivationSpread {
-    /// First activation after the beat's start.
+    /// First activation after the beat's start; before it where negative: the cells then contract at their end-diastolic length
+    /// until the beat starts.
     #[serde(default)]
     pub onset: Ms,
     /// Time from the first to the last activation.
@@ -34,14 +35,17 @@ impl ActivationGroups {
     /// Checks activation times \[ms\], and scales the weights to sum to one.
     ///
     /// # Errors
-    /// [`VentricleError::Parameter`] for no groups, lists of different lengths, a negative time or weight.
+    /// [`VentricleError::Parameter`] for no groups, lists of different lengths, a time that is not finite, a negative weight.
     pub fn new(times_ms: Vec<f64>, mut weights: Vec<f64>) -> Result<Self, VentricleError> {
         let bad = |name, value, expected| Err(VentricleError::Parameter { name, value, expected });
         if times_ms.is_empty() || times_ms.len() != weights.len() {
             return bad("activation groups", times_ms.len() as f64, "one or more, with as many weights");
         }
-        if let Some(value) = times_ms.iter().chain(&weights).find(|x| !(**x >= 0.0 && x.is_finite())) {
-            return bad("activation time or weight", *value, "zero or more");
+        if let Some(value) = times_ms.iter().find(|x| !x.is_finite()) {
+            return bad("activation time", *value, "finite");
+        }
+        if let Some(value) = weights.iter().find(|x| !(**x >= 0.0 && x.is_finite())) {
+            return bad("activation weight", *value, "zero or more");
         }
         let sum: f64 = weights.iter().sum();
         if sum <= 0.0 {
@@ -71,7 +75,7 @@ impl ActivationSpread {
     /// between, as in an eikonal map from fascicles. The times are the groups' centres.
     ///
     /// # Errors
-    /// [`VentricleError::Parameter`] for no groups, or a negative spread or onset.
+    /// [`VentricleError::Parameter`] for no groups, a negative spread, or an onset that is not finite.
     pub fn groups(&self) -> Result<(Vec<f64>, Vec<f64>), VentricleError> {
         let spread = self.spread.0;
         if !(spread >= 0.0 && spread.is_finite()) {
@@ -82,8 +86,8 @@ impl ActivationSpread {
             });
         }
         let onset = self.onset.0;
-        if !(onset >= 0.0 && onset.is_finite()) {
-            return Err(VentricleError::Parameter { name: "activation onset", value: onset, expected: "zero or more" });
+        if !onset.is_finite() {
+            return Err(VentricleError::Parameter { name: "activation onset", value: onset, expected: "finite" });
         }
         if self.n_groups == 0 {
             return Err(VentricleError::Parameter { name: "activation groups", value: 0.0, expected: "one or more" });
@@ -124,7 +128,7 @@ mod tests {
         let given = |times: &[f64], weights: &[f64]| ActivationGroups::new(times.to_vec(), weights.to_vec());
         assert_eq!(given(&[0.0, 60.0], &[3.0, 1.0]).unwrap().weights(), [0.75, 0.25]);
         assert!(given(&[0.0], &[1.0, 1.0]).is_err());
-        assert!(given(&[-1.0], &[1.0]).is_err());
+        assert!(given(&[f64::NAN], &[1.0]).is_err());
         assert!(given(&[1.0], &[0.0]).is_err());
         assert!(given(&[], &[]).is_err());
     }
@@ -132,7 +136,7 @@ mod tests {
     #[test]
     fn refuses_nonsense() {
         assert!(ActivationSpread { spread: Ms(-1.0), ..ActivationSpread::default() }.groups().is_err());
-        assert!(ActivationSpread { onset: Ms(-1.0), ..ActivationSpread::default() }.groups().is_err());
+        assert!(ActivationSpread { onset: Ms(f64::INFINITY), ..ActivationSpread::default() }.groups().is_err());
         assert!(ActivationSpread { n_groups: 0, ..ActivationSpread::default() }.groups().is_err());
     }
 }

@@ -5,7 +5,9 @@ pub mod one_fibre;
 pub mod passive_state;
 
 pub use activation::{ActivationGroups, ActivationSpread};
-pub use one_fibre::{CavityPressureTerm, GroupContraction, OneFibreParameters, OneFibreVentricle};
+pub use one_fibre::{
+    CavityPressureTerm, GroupContraction, OneFibreParameters, OneFibreVentricle, steps_before_the_beat,
+};
 pub use passive_state::{DiastasisPoint, OneFibrePassive, PassiveStateInput, PassiveStateMode};
 
 use crate::circulation::{Circulation, CirculationError};

@@ -167,6 +167,13 @@ const RESIDUAL_ML: f64 = 1e-8;
 /// Newton's and bisection's together, unless limited.
 const ITERATIONS: usize = 60;
 
+/// Ends and lengths \[ms\] of the steps, of a millisecond or a little less, from an activation before time zero to time zero.
+pub fn steps_before_the_beat(earliest_ms: f64) -> impl Iterator<Item = (f64, f64)> {
+    let n = (-earliest_ms).max(0.0).ceil();
+    let dt_ms = -earliest_ms / n.max(1.0);
+    (0..n as usize).rev().map(move |left| (-dt_ms * left as f64, dt_ms))
+}
+
 impl OneFibreVentricle {
     /// A ventricle at its end-diastolic state, time zero.
     ///
@@ -223,6 +230,7 @@ impl OneFibreVentricle {
             passive,
             activation_ms,
         };
+        ventricle.contract_until_the_beat()?;
         ventricle.prepare_groups(0.0);
         ventricle.now.ca_um.copy_from_slice(&ventricle.trial.ca_um);
         // The stress at time zero: a step of vanishing length at constant stretch.
@@ -233,6 +241,22 @@ impl OneFibreVentricle {
             *sa = stress.sa_kpa;
         }
         Ok(ventricle)
+    }
+
+    /// Cells that are activated before time zero contract at their end-diastolic length until then.
+    fn contract_until_the_beat(&mut self) -> Result<(), VentricleError> {
+        let earliest_ms = self.activation_ms.iter().fold(0.0, |earliest: f64, t| earliest.min(*t));
+        for (k, (end_ms, dt_ms)) in steps_before_the_beat(earliest_ms).enumerate() {
+            if k == 0 {
+                self.prepare_groups(end_ms - dt_ms);
+                self.now.ca_um.copy_from_slice(&self.trial.ca_um);
+            }
+            self.prepare_groups(end_ms);
+            self.cavity_pressure(self.now.volume_ml, dt_ms)?;
+            std::mem::swap(&mut self.now.cells, &mut self.trial.cells);
+            self.now.ca_um.copy_from_slice(&self.trial.ca_um);
+        }
+        Ok(())
     }
 
     /// A step fails after `limit` iterations (at least one); the beat then cuts it.

@@ -2,9 +2,10 @@
 //!
 //! Stress begins after the electromechanical delay, in the middle of the wall half the spread after its first part, and
 //! the pressure's rate then rises steeply. So the first activation is put that much before the measured rate passes a
-//! share of its maximum, and never before the trace begins:
-//! `onset = max(0, t(dP/dt = 10 % of its max, before it) − t_emd − spread/2)`.
-//! Durations do not depend on it; it decides how much of the cycle is left for filling.
+//! share of its maximum:
+//! `onset = t(dP/dt = 10 % of its max, before it) − t_emd − spread/2`.
+//! It is negative where the trace's time zero is later, as with an R wave or the largest volume.
+//! Durations do not depend on it; it decides when the pressure rises, and how much of the cycle is left for filling.
 
 use cardiotwin_signals::Trace;
 
@@ -36,7 +37,7 @@ pub fn from_upstroke(pressure: &Trace, spread_ms: f64) -> Option<f64> {
         let (low, high) = (rate(before), rate(before + 1));
         time[before] + (level - low) / (high - low) * (time[before + 1] - time[before])
     };
-    Some((crossing - T_EMD_MS - 0.5 * spread_ms).max(0.0))
+    Some(crossing - T_EMD_MS - 0.5 * spread_ms)
 }
 
 #[cfg(test)]
@@ -63,8 +64,9 @@ mod tests {
     }
 
     #[test]
-    fn it_is_never_before_the_trace_and_absent_without_a_rise() {
-        assert_eq!(from_upstroke(&upstroke(5.0), 40.0), Some(0.0));
+    fn it_may_be_before_the_trace_and_is_absent_without_a_rise() {
+        let onset = from_upstroke(&upstroke(5.0), 40.0).unwrap();
+        assert!((onset - (10.9 - 15.0 - 20.0)).abs() < 0.1, "{onset}");
         let falling = Trace::uniform(Quantity::Pressure, 1.0, vec![9.0, 8.0, 7.0, 6.0]).unwrap();
         assert_eq!(from_upstroke(&falling, 40.0), None);
     }
