@@ -29,6 +29,7 @@ pub mod provenance;
 pub mod raw;
 pub mod record;
 pub mod robustness;
+pub mod samples;
 pub mod sensitivity;
 pub mod settings;
 pub mod status;

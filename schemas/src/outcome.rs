@@ -12,6 +12,7 @@ use crate::ids::AttemptId;
 use crate::motion::MotionMeasures;
 use crate::organ::{CirculationSpec, OrganSpec, Step1Parameters};
 use crate::provenance::Provenance;
+use crate::samples::BeatSamples;
 
 /// `outcome.json` of an attempt, written once, atomically.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -119,6 +120,9 @@ pub struct PassiveStateResult {
     pub biomarker_factors: BTreeMap<String, f64>,
     /// Their time points.
     pub time_points: TimePoints,
+    /// Samples of the measured traces.
+    #[serde(default)]
+    pub samples: BeatSamples,
     /// What was estimated for lack of data.
     pub estimates: Vec<Estimate>,
     /// Volume at the diastasis pressure minus the measured diastasis volume, where both are known.
@@ -153,6 +157,9 @@ pub struct OrganBeatResult {
     pub biomarkers: Biomarkers,
     /// Their time points.
     pub time_points: TimePoints,
+    /// Pressure and volume of the last beat at a few times.
+    #[serde(default)]
+    pub samples: BeatSamples,
     /// SPEC section 5: the run counts only if all hold.
     pub checks: Vec<Check>,
     /// Beats simulated.

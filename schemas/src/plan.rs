@@ -170,17 +170,16 @@ impl ResolvedPatient {
         runs: Vec<Step3Run>,
     ) -> Step3ProposalSpec {
         let Settings { solver, step3, .. } = &self.settings;
-        let CellInOrgan { beat, lambda_max, step1 } = cell.clone();
+        let CellInOrgan { beat, step1 } = cell.clone();
         let newton_iterations = solver.newton_iterations;
         Step3ProposalSpec {
             parameters: step3.moved(&beat.valves),
             beat: OrganBeatSpec { organ: step0.organ.clone(), newton_iterations, finite_element: None, ..beat },
             measured: step0.measured,
             runs,
-            lambda_max,
             step1,
             uncertainty_percent: step3.uncertainty_percent.clone(),
-            upstroke: step3.upstroke(&step0.time_points),
+            traces: step3.traces(step0, beat.cycle_length_ms),
             seed: PROPOSAL_SEED,
         }
     }

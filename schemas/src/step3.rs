@@ -5,9 +5,11 @@ use std::collections::BTreeMap;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::biomarkers::{Biomarkers, TimePoints};
+use crate::biomarkers::Biomarkers;
 use crate::organ::{ValveParameters, cell_default};
-use crate::task::{MovedParameter, Upstroke};
+use crate::outcome::PassiveStateResult;
+use crate::samples::{MeasuredTraces, TraceDeviations};
+use crate::task::MovedParameter;
 
 /// Step 3: parameters of the cell model and of the valves are moved until the organ with that cell meets the measured
 /// biomarkers.
@@ -24,8 +26,8 @@ pub struct Step3Settings {
     pub bounds: BTreeMap<String, [f64; 2]>,
     /// Standard deviation of each measured biomarker, percent of its value. One that is absent does not count.
     pub uncertainty_percent: BTreeMap<String, f64>,
-    /// Standard deviation of the time at which the measured pressure rises; 0: that time does not count.
-    pub upstroke_sd_ms: f64,
+    /// How far traces may be from the measured ones.
+    pub trace_deviations: TraceDeviations,
 }
 
 /// Standard deviation of the prior over the interval of the logarithms: within the bounds it chooses among cells that
@@ -75,7 +77,7 @@ impl Default for Step3Settings {
             ]
             .map(|(name, percent)| (name.to_owned(), percent))
             .into(),
-            upstroke_sd_ms: 10.0,
+            trace_deviations: TraceDeviations::default(),
         }
     }
 }
@@ -109,20 +111,21 @@ impl Step3Settings {
 }
 
 impl Step3Settings {
-    /// When the pressure is to rise; none where there is no trace, or that time does not count.
+    /// What was measured of traces; none without any, or where none counts.
     #[must_use]
-    pub fn upstroke(&self, measured: &TimePoints) -> Option<Upstroke> {
-        let measured_ms = measured.t1_ms?;
-        (self.upstroke_sd_ms > 0.0).then_some(Upstroke { measured_ms, sd_ms: self.upstroke_sd_ms })
+    pub fn traces(&self, step0: &PassiveStateResult, cycle_length_ms: f64) -> Option<MeasuredTraces> {
+        let (samples, deviations) = (step0.samples.clone(), self.trace_deviations);
+        let traces = MeasuredTraces { samples, deviations, cycle_length_ms };
+        (traces.n_measured() > 0.0).then_some(traces)
     }
 
-    /// Measured biomarkers that count, and the upstroke.
+    /// Measured biomarkers that count, and the independent things that `traces` tell.
     #[must_use]
-    pub fn n_measured(&self, measured: &Biomarkers, times: &TimePoints) -> usize {
+    pub fn n_measured(&self, measured: &Biomarkers, traces: Option<&MeasuredTraces>) -> f64 {
         let counts =
             |(name, value): &(&str, Option<f64>)| value.is_some() && self.uncertainty_percent.contains_key(*name);
         let biomarkers = measured.of_organ().iter().filter(|named| counts(named)).count();
-        biomarkers + usize::from(self.upstroke(times).is_some())
+        biomarkers as f64 + traces.map_or(0.0, MeasuredTraces::n_measured)
     }
 }
 

@@ -15,6 +15,7 @@ use crate::organ::{
     BeatCount, CellStretch, CirculationSpec, ContractionSpec, EffectSpec, OneFibrePassive, OrganSpec, Step1Parameters,
     VALVE_PARAMETERS, ValveParameters, WindkesselParameters,
 };
+use crate::samples::{BeatSamples, MeasuredTraces};
 use crate::settings::{ActivationSettings, CellFitSettings, InstructionSet, StartMode};
 use crate::sweep::CellDesign;
 
@@ -88,8 +89,9 @@ impl TaskSpec {
             Self::PassiveState(_) => 6,
             Self::Discover(_) => 4,
             Self::Step1Proposal(_) => 6,
-            Self::CellFit(_) | Self::OrganBeat(_) => 5,
-            Self::Step3Proposal(_) => 4,
+            Self::CellFit(_) => 5,
+            Self::OrganBeat(_) => 6,
+            Self::Step3Proposal(_) => 5,
             Self::Targets(_) => 3,
             Self::CellSweep(_) => 2,
             Self::Noop(_) => 1,
@@ -274,9 +276,6 @@ pub struct ProposalRun<P> {
     pub biomarkers: Option<Biomarkers>,
     /// Whether both valves opened and closed.
     pub whole_beat: bool,
-    /// When its pressure rose, where that counts.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub upstroke_ms: Option<f64>,
     /// The misfit that the proposal which led to it promised.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub predicted_misfit: Option<f64>,
@@ -286,7 +285,15 @@ pub struct ProposalRun<P> {
 pub type Step1Run = ProposalRun<Step1Parameters>;
 
 /// The verification beat or a simulation of step 3.
-pub type Step3Run = ProposalRun<BTreeMap<String, f64>>;
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Step3Run {
+    /// Parameters and biomarkers.
+    pub run: ProposalRun<BTreeMap<String, f64>>,
+    /// Pressure and volume; none where the simulation failed.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub samples: Option<BeatSamples>,
+}
 
 /// What to simulate next in step 3: the cell whose organ meets the measured biomarkers, by the one-fibre ventricle
 /// with that cell, corrected to the beats so far.
@@ -299,8 +306,6 @@ pub struct Step3ProposalSpec {
     pub measured: Biomarkers,
     /// Beats so far, the verification beat first.
     pub runs: Vec<Step3Run>,
-    /// Largest stretch of any node: Ca50 stays above the resting calcium up to there.
-    pub lambda_max: f64,
     /// What may move, by name.
     pub parameters: BTreeMap<String, MovedParameter>,
     /// Standard deviation of each measured biomarker, percent of its value; one that is absent does not count.
@@ -308,9 +313,9 @@ pub struct Step3ProposalSpec {
     /// Step 1's best beat: what the organ makes of a beat near the measurements.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub step1: Option<Step1Beat>,
-    /// When the pressure is to rise; none where that does not count.
+    /// Measured traces; none where none counts.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub upstroke: Option<Upstroke>,
+    pub traces: Option<MeasuredTraces>,
     /// Seed of the points from which the optimum is sought.
     pub seed: u64,
 }
@@ -330,36 +335,8 @@ pub struct Step1Beat {
 pub struct CellInOrgan {
     /// The verification beat.
     pub beat: OrganBeatSpec,
-    /// Largest stretch of any node in step 1's best beat.
-    pub lambda_max: f64,
     /// Step 1's best beat.
     pub step1: Option<Step1Beat>,
-}
-
-/// Upstroke of the measured pressure: its crossing of the minimum and a tenth of the amplitude.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct Upstroke {
-    /// Since the beat's start.
-    pub measured_ms: f64,
-    /// Standard deviation.
-    pub sd_ms: f64,
-}
-
-impl Upstroke {
-    /// Difference of a simulated upstroke over the standard deviation; that of a beat without one is ten.
-    #[must_use]
-    pub fn residual(&self, simulated_ms: Option<f64>) -> f64 {
-        simulated_ms.map_or(10.0, |simulated| (simulated - self.measured_ms) / self.sd_ms)
-    }
-}
-
-impl Step3ProposalSpec {
-    /// [`Upstroke::residual`], where the upstroke counts.
-    #[must_use]
-    pub fn upstroke_residual(&self, simulated_ms: Option<f64>) -> Option<f64> {
-        self.upstroke.map(|upstroke| upstroke.residual(simulated_ms))
-    }
 }
 
 /// A parameter of step 3: the logarithm of its magnitude is sought within bounds, and has a normal distribution before

@@ -271,6 +271,7 @@ fn parameters(v: [f64; 6]) -> Step1Parameters {
 fn beat(biomarkers: Biomarkers, time_points: TimePoints) -> OrganBeatResult {
     OrganBeatResult {
         biomarkers,
+        samples: cardiotwin_schemas::samples::BeatSamples::default(),
         time_points,
         checks: vec![Check {
             name: "aortic valve opened and closed".into(),
@@ -337,6 +338,7 @@ fn finished(folder: &Folder, printed: &Printed, id: &str) -> PatientRecord {
         },
         measured: biomarkers(printed.clinical, edv, None),
         biomarker_factors: BTreeMap::new(),
+        samples: cardiotwin_schemas::samples::BeatSamples::default(),
         time_points: time_points(&p, &v),
         estimates: vec![Estimate {
             key: "afterload.compliance_mL_per_mmHg".into(),

@@ -106,7 +106,6 @@ impl Patient {
                         Outcome::Failed => None,
                     },
                     whole_beat: matches!(outcome, Outcome::Simulated(_)),
-                    upstroke_ms: None,
                     predicted_misfit: Some(proposal.predicted_misfit),
                 });
                 outcome

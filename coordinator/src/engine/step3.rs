@@ -5,8 +5,9 @@ use std::collections::BTreeMap;
 use cardiotwin_calibrate::fixed_point::Weights;
 use cardiotwin_schemas::biomarkers::Biomarkers;
 use cardiotwin_schemas::outcome::{OrganBeatResult, PassiveStateResult};
+use cardiotwin_schemas::samples::BeatSamples;
 use cardiotwin_schemas::step3::Step3Settings;
-use cardiotwin_schemas::task::Step3Run;
+use cardiotwin_schemas::task::{ProposalRun, Step3Run};
 use cardiotwin_schemas::verdict::Verdict;
 
 use super::step1;
@@ -23,8 +24,8 @@ pub struct Beat {
     pub parameters: BTreeMap<String, f64>,
     /// What came out; none where the simulation failed.
     pub biomarkers: Option<Biomarkers>,
-    /// When its pressure rose.
-    pub upstroke_ms: Option<f64>,
+    /// Its pressure and volume.
+    pub samples: Option<BeatSamples>,
     /// The valve that did not open and close, if one did not.
     pub shut: Option<String>,
     /// The misfit that its proposal promised.
@@ -38,8 +39,8 @@ pub struct Beat {
 impl Beat {
     /// A simulation that did not end.
     pub fn failed(parameters: BTreeMap<String, f64>) -> Self {
-        let (biomarkers, upstroke_ms, shut) = (None, None, None);
-        Self { parameters, biomarkers, upstroke_ms, shut, predicted_misfit: None, misfit: None, verdict: None }
+        let (biomarkers, samples, shut) = (None, None, None);
+        Self { parameters, biomarkers, samples, shut, predicted_misfit: None, misfit: None, verdict: None }
     }
 
     /// Whether it ended, and both valves opened and closed.
@@ -54,22 +55,28 @@ impl Beat {
 
     /// The beat as a proposal sees it.
     pub fn told(&self) -> Step3Run {
-        Step3Run {
+        let run = ProposalRun {
             parameters: self.parameters.clone(),
             biomarkers: self.biomarkers,
             whole_beat: self.is_whole(),
-            upstroke_ms: self.upstroke_ms,
             predicted_misfit: self.predicted_misfit,
-        }
+        };
+        Step3Run { run, samples: self.samples.clone() }
     }
 }
 
-/// Sum of squared differences of biomarkers and upstroke over the measurements' variances.
-pub fn misfit(settings: &Step3Settings, step0: &PassiveStateResult, simulated: &OrganBeatResult) -> f64 {
+/// Sum of squared differences of biomarkers and traces over the measurements' variances.
+pub fn misfit(
+    settings: &Step3Settings,
+    step0: &PassiveStateResult,
+    cycle_length_ms: f64,
+    simulated: &OrganBeatResult,
+) -> f64 {
     let weights = Weights::of_uncertainty_percent(&settings.uncertainty_percent);
     let of_biomarkers = weights.misfit(&step1::biomarkers(&step0.measured), &step1::biomarkers(&simulated.biomarkers));
-    let upstroke = settings.upstroke(&step0.time_points);
-    of_biomarkers + upstroke.map_or(0.0, |upstroke| upstroke.residual(simulated.time_points.t1_ms).powi(2))
+    let traces = settings.traces(step0, cycle_length_ms);
+    let of_traces = traces.iter().flat_map(|traces| traces.residuals(Some(&simulated.samples))).map(|r| r * r);
+    of_biomarkers + of_traces.sum::<f64>()
 }
 
 /// The whole beat of lowest misfit; none without one.
@@ -87,8 +94,8 @@ pub fn worth_it(beats: &[Beat], promised: f64) -> bool {
 }
 
 /// Whether the best beat meets the measurements to within their uncertainty, so that nothing is left to better.
-pub fn content(beats: &[Beat], n_measured: usize) -> bool {
-    let within = |beat: &Beat| beat.misfit.is_some_and(|misfit| misfit <= n_measured as f64);
+pub fn content(beats: &[Beat], n_measured: f64) -> bool {
+    let within = |beat: &Beat| beat.misfit.is_some_and(|misfit| misfit <= n_measured);
     best(beats).is_some_and(|i| is_personalised(&beats[i]) && within(&beats[i]))
 }
 
@@ -104,7 +111,7 @@ mod tests {
         let verdict = Some(Verdict { personalised, off_percent: BTreeMap::new() });
         let (parameters, biomarkers) = (BTreeMap::new(), Some(Biomarkers::default()));
         let shut = (!whole).then(|| "aortic valve".to_owned());
-        Beat { parameters, biomarkers, upstroke_ms: None, shut, predicted_misfit: None, misfit: Some(misfit), verdict }
+        Beat { parameters, biomarkers, samples: None, shut, predicted_misfit: None, misfit: Some(misfit), verdict }
     }
 
     #[test]
@@ -123,8 +130,8 @@ mod tests {
 
     #[test]
     fn a_beat_within_the_uncertainty_is_enough() {
-        assert!(content(&[beat(true, 6.9, true)], 7));
-        assert!(!content(&[beat(true, 7.1, true)], 7));
-        assert!(!content(&[beat(true, 1.0, false)], 7));
+        assert!(content(&[beat(true, 6.9, true)], 7.0));
+        assert!(!content(&[beat(true, 7.1, true)], 7.0));
+        assert!(!content(&[beat(true, 1.0, false)], 7.0));
     }
 }

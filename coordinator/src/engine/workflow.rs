@@ -146,14 +146,13 @@ impl<'a> Derivation<'a, '_> {
             return Err(wrong_kind(Step::only(Stage::Targets), best.result));
         };
         let of_step1 = Step1Beat { parameters, biomarkers: step1::of_step1(&beat.biomarkers) };
-        let lambda_max = targets.lambda_max;
         let fit = self.step2(targets, calcium.clone())?;
         if self.plan.settings.verification.enabled {
             let contraction = step2::contraction(self.plan, fit, calcium);
             let beat = self.cell_beat(&step0, contraction, parameters.valves);
             let verified = self.verification(&step0, &beat)?;
             if self.plan.settings.workflow.until == LastStep::Step3 {
-                let cell = CellInOrgan { beat, lambda_max, step1: Some(of_step1) };
+                let cell = CellInOrgan { beat, step1: Some(of_step1) };
                 self.step3(&step0, &cell, verified)?;
             }
         }
@@ -265,7 +264,6 @@ impl<'a> Derivation<'a, '_> {
                 _ => None,
             },
             whole_beat: run.is_ok() && !iteration.no_whole_beat,
-            upstroke_ms: None,
             predicted_misfit: self.chain.proposal(number).map(|proposal| proposal.predicted_misfit),
         });
         let told = told.collect();
@@ -440,10 +438,10 @@ impl<'a> Derivation<'a, '_> {
         let seen = step3::Beat {
             parameters,
             biomarkers: Some(step1::of_step1(&beat.biomarkers)),
-            upstroke_ms: settings.step3.upstroke(&step0.time_points).and(beat.time_points.t1_ms),
+            samples: Some(beat.samples.clone()),
             shut: beat.failed_valve().map(ToString::to_string),
             predicted_misfit: None,
-            misfit: Some(step3::misfit(&settings.step3, step0, beat)),
+            misfit: Some(step3::misfit(&settings.step3, step0, self.plan.step0.cycle_length_ms, beat)),
             verdict: Some(Verdict::of(&step0.measured, &beat.biomarkers, &settings.verification.tolerance_percent)),
         };
         Ok((key, Ok(seen)))
@@ -471,10 +469,11 @@ impl<'a> Derivation<'a, '_> {
 
     fn step3(&mut self, step0: &PassiveStateResult, cell: &CellInOrgan, verified: step3::Beat) -> Derived<()> {
         let settings = &self.plan.settings.step3;
-        let measured = &step0.measured;
+        let traces = settings.traces(step0, self.plan.step0.cycle_length_ms);
+        let n_measured = settings.n_measured(&step0.measured, traces.as_ref());
         let mut beats = vec![verified];
         let ending = loop {
-            if step3::content(&beats, settings.n_measured(measured, &step0.time_points)) {
+            if step3::content(&beats, n_measured) {
                 break Step3Ending::WithinUncertainty;
             }
             let number = beats.len() as u32;

@@ -268,7 +268,10 @@ impl List {
                 self.add("step3.uncertainty_percent", name.clone(), &expected, "name one of the organ's biomarkers");
             }
         }
-        self.within("step3.upstroke_sd_ms", step3.upstroke_sd_ms, 0.0, 1e3);
+        let deviations = &step3.trace_deviations;
+        self.within("step3.trace_deviations.pressure_mmHg", deviations.pressure_mmhg, 0.0, 1e3);
+        self.within("step3.trace_deviations.volume_mL", deviations.volume_ml, 0.0, 1e3);
+        self.within("step3.trace_deviations.correlation_ms", deviations.correlation_ms, 1.0, 1e4);
         for name in &step3.parameters {
             if !is_parameter(name) {
                 let expected = "a parameter of the cell (but a_p_kPa) or of a valve";

@@ -231,6 +231,7 @@ mod tests {
         Ending::Succeeded {
             result: Box::new(TaskResult::OrganBeat(OrganBeatResult {
                 biomarkers: Biomarkers { p_max_mmhg: Some(p_max), ..Biomarkers::default() },
+                samples: cardiotwin_schemas::samples::BeatSamples::default(),
                 time_points: Default::default(),
                 checks: vec![check],
                 beats: 1,

@@ -117,6 +117,7 @@ fn passive_state(edp_mmhg: f64) -> TaskResult {
         },
         measured: answer(TRUTH),
         biomarker_factors: Default::default(),
+        samples: cardiotwin_schemas::samples::BeatSamples::default(),
         time_points: Default::default(),
         estimates: vec![],
         diastasis_volume_error_ml: None,
@@ -151,6 +152,7 @@ fn beat(biomarkers: Biomarkers, opened: bool) -> TaskResult {
         |name: &str, passed| Check { name: name.into(), passed, found: passed.to_string(), expected: "true".into() };
     TaskResult::OrganBeat(OrganBeatResult {
         biomarkers,
+        samples: cardiotwin_schemas::samples::BeatSamples::default(),
         time_points: Default::default(),
         checks: vec![check("finite", true), check("aortic valve opened and closed", opened)],
         beats: 1,

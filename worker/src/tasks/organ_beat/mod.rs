@@ -22,6 +22,7 @@ use cardiotwin_schemas::organ::{
     self, ActivationSpec, BeatCount, CellStretch, ContractionSpec, EffectSpec, OrganSpec, StretchOrigin,
 };
 use cardiotwin_schemas::outcome::{Check, Ending, OrganBeatResult, TaskResult};
+use cardiotwin_schemas::samples::{BeatSamples, N_SAMPLES};
 use cardiotwin_schemas::task::OrganBeatSpec;
 use cardiotwin_signals::{BiomarkerSet, Continuation, Quantity, Trace};
 use cardiotwin_units::{Kpa, Ml, Mmhg, MmhgSPerMl, Ms};
@@ -249,7 +250,8 @@ fn organ_beat_result(spec: &OrganBeatSpec, result: &BeatResult, seen: Seen<'_>) 
     let small_change = result.volume_change_ml.abs().max(result.pressure_change_mmhg) <= PERIODIC_CHANGE;
     // One beat is never taken as periodic: its end says nothing of its start.
     let periodic = result.n_beats > 1 && result.periodic.unwrap_or(small_change);
-    let mut set = simulated_biomarkers(traces, periodic.then_some(spec.cycle_length_ms))?;
+    let [pressure, volume] = signals(traces, periodic)?;
+    let mut set = BiomarkerSet::of(Some(&pressure), Some(&volume), continuation(periodic, spec.cycle_length_ms))?;
     if let (Some(measured), false) = (spec.measured_end_diastolic_volume_ml, periodic) {
         set = set.with_gap_to(Ml(measured));
     }
@@ -265,6 +267,10 @@ fn organ_beat_result(spec: &OrganBeatSpec, result: &BeatResult, seen: Seen<'_>) 
     Ok(OrganBeatResult {
         biomarkers,
         time_points,
+        samples: BeatSamples {
+            pressure_mmhg: samples(&pressure, spec.cycle_length_ms),
+            volume_ml: samples(&volume, spec.cycle_length_ms),
+        },
         checks: result.checks.iter().map(check).collect(),
         beats: result.n_beats as u32,
         periodic,
@@ -280,13 +286,28 @@ pub(crate) fn simulated_biomarkers(
     traces: &BeatTraces,
     cycle_length_ms: Option<f64>,
 ) -> Result<BiomarkerSet, TaskError> {
+    let [pressure, volume] = signals(traces, cycle_length_ms.is_some())?;
+    let continuation = continuation(cycle_length_ms.is_some(), cycle_length_ms.unwrap_or_default());
+    Ok(BiomarkerSet::of(Some(&pressure), Some(&volume), continuation)?)
+}
+
+fn continuation(periodic: bool, cycle_length_ms: f64) -> Continuation {
+    if periodic { Continuation::periodic(Ms(cycle_length_ms)) } else { Continuation::Single }
+}
+
+/// Pressure and volume of a beat as signals.
+fn signals(traces: &BeatTraces, periodic: bool) -> Result<[Trace; 2], TaskError> {
     // The last sample of a periodic beat is the first of the next.
-    let n = traces.time_ms.len() - usize::from(cycle_length_ms.is_some());
+    let n = traces.time_ms.len() - usize::from(periodic);
     let trace = |quantity, values: &[f64]| Trace::new(quantity, traces.time_ms[..n].to_vec(), values[..n].to_vec());
     let pressure = trace(Quantity::Pressure, &traces.pressure_mmhg).map_err(TaskError::SimulatedTrace)?;
     let volume = trace(Quantity::Volume, &traces.volume_ml).map_err(TaskError::SimulatedTrace)?;
-    let continuation = cycle_length_ms.map_or(Continuation::Single, |length| Continuation::periodic(Ms(length)));
-    Ok(BiomarkerSet::of(Some(&pressure), Some(&volume), continuation)?)
+    Ok([pressure, volume])
+}
+
+/// A trace at the times of [`BeatSamples`].
+pub(crate) fn samples(trace: &Trace, cycle_length_ms: f64) -> Vec<f64> {
+    (0..N_SAMPLES).map(|k| trace.at(k as f64 * cycle_length_ms / N_SAMPLES as f64)).collect()
 }
 
 /// The check as read by a person: `volume_balance_ml` becomes `volume balance`, its value gets the unit.

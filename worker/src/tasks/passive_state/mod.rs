@@ -13,6 +13,7 @@ use std::collections::BTreeMap;
 use cardiotwin_models::ventricle::{DiastasisPoint, OneFibrePassive, PassiveStateInput, PassiveStateMode};
 use cardiotwin_schemas::organ::{ActivationSpec, CirculationSpec, OrganSpec};
 use cardiotwin_schemas::outcome::{Estimate, PassiveStateResult, TaskResult};
+use cardiotwin_schemas::samples::BeatSamples;
 use cardiotwin_schemas::settings::{ActivationSettings, StartMode};
 use cardiotwin_schemas::task::PassiveStateSpec;
 use cardiotwin_schemas::{biomarkers as files, organ};
@@ -24,6 +25,7 @@ use crate::biomarkers;
 use crate::context::Context;
 use crate::error::TaskError;
 use crate::inputs::read_trace;
+use crate::tasks::organ_beat::samples;
 
 /// What was measured, brought to the common step of 1 ms.
 struct Measurements {
@@ -90,6 +92,10 @@ pub fn run(spec: &PassiveStateSpec, context: &mut Context) -> Result<TaskResult,
         measured: measured.biomarkers,
         biomarker_factors,
         time_points: biomarkers::to_schema(&measured.set).1,
+        samples: BeatSamples {
+            pressure_mmhg: measured.pressure.as_ref().map_or_else(Vec::new, |p| samples(p, spec.cycle_length_ms)),
+            volume_ml: measured.volume.as_ref().map_or_else(Vec::new, |v| samples(v, spec.cycle_length_ms)),
+        },
         estimates,
         diastasis_volume_error_ml: made.diastasis_volume_error_ml,
         remarks,

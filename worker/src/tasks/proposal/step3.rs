@@ -9,7 +9,8 @@ use cardiotwin_calibrate::space_mapping::{Effort, Nearness, Prior, Problem, Run,
 use cardiotwin_models::contraction::LAMBDA_CAP;
 use cardiotwin_schemas::organ::{ActivationSpec, ContractionSpec, OneFibrePassive, Step1Parameters, cell_default};
 use cardiotwin_schemas::outcome::{Step3ProposalResult, TaskResult};
-use cardiotwin_schemas::task::{MovedParameter, OrganBeatSpec, Step1Beat, Step3ProposalSpec};
+use cardiotwin_schemas::samples::BeatSamples;
+use cardiotwin_schemas::task::{MovedParameter, OrganBeatSpec, Step1Beat, Step3ProposalSpec, Step3Run};
 
 use super::one_fibre;
 use crate::context::Context;
@@ -50,24 +51,25 @@ pub fn run(spec: &Step3ProposalSpec, context: &mut Context) -> Result<TaskResult
     let named = |x: &[f64]| -> BTreeMap<String, f64> {
         axes.iter().zip(x).map(|(axis, x)| (axis.name.clone(), axis.value(*x))).collect()
     };
-    let also = |upstroke_ms: Option<f64>| spec.upstroke_residual(upstroke_ms).into_iter().collect();
+    let also =
+        |samples: Option<&BeatSamples>| spec.traces.as_ref().map_or_else(Vec::new, |traces| traces.residuals(samples));
     let cheap = |x: &[f64]| {
         let trial = beat.with_parameters(&named(x));
-        let sensitive = is_sensitive(&trial, spec.lambda_max);
+        let sensitive = is_sensitive(&trial);
         let simulated = if sensitive { reduced_beat(&trial, &passive, &activation).ok().flatten() } else { None };
         Trial {
             outcome: simulated.as_ref().map_or(Outcome::Failed, step1::outcome),
-            also: also(simulated.and_then(|beat| beat.time_points.t1_ms)),
+            also: also(simulated.as_ref().map(|beat| &beat.samples)),
         }
     };
     let point = |values: &BTreeMap<String, f64>| -> Vec<f64> {
         axes.iter().map(|axis| values.get(&axis.name).map_or(axis.prior.centre, |v| v.abs().ln())).collect()
     };
     let runs: Vec<Run> = (spec.runs.iter())
-        .map(|run| Run {
+        .map(|Step3Run { run, samples }| Run {
             x: point(&run.parameters),
             outcome: run.biomarkers.as_ref().map_or(Outcome::Failed, |b| step1::told(b, run.whole_beat)),
-            also: also(run.upstroke_ms),
+            also: also(samples.as_ref()),
             predicted_misfit: run.predicted_misfit,
         })
         .collect();
@@ -130,14 +132,14 @@ fn expected(
     })
 }
 
-/// Whether Ca50 stays above the resting calcium up to a stretch.
-fn is_sensitive(beat: &OrganBeatSpec, lambda_max: f64) -> bool {
+/// Whether Ca50 stays above the resting calcium at any stretch that the model knows: another cell stretches the organ's
+/// weakest nodes further than any beat before.
+fn is_sensitive(beat: &OrganBeatSpec) -> bool {
     let value = |name: &str| {
         let given = beat.contraction.cell_parameters().and_then(|cell| cell.get(name).copied());
         given.or_else(|| cell_default(name)).unwrap_or(f64::NAN)
     };
-    let stretch = lambda_max.min(LAMBDA_CAP) - 1.0;
-    value("Ca50_ref_uM") + value("beta_1_uM") * stretch > value("Ca_res_uM")
+    value("Ca50_ref_uM") + value("beta_1_uM") * (LAMBDA_CAP - 1.0) > value("Ca_res_uM")
 }
 
 /// A parameter as the search sees it: the logarithm of its magnitude.
