@@ -15,7 +15,7 @@ BUILD := $(CARGO) build --release --locked --workspace --bins
 # The worker on MPI ranks is the one thing that needs an MPI, and is left out where there is none.
 BUILD_MPI := $(CARGO) build --release --locked --package cardiotwin-worker --features mpi --bin cardiotwin-worker-mpi
 
-.PHONY: help book install package vendor deps deps-demo build test-mpich demo test bench work-precision evaluate-discover afterload verify slurm-kills clean-run
+.PHONY: help book install package vendor deps deps-demo build test-mpich demo test bench work-precision evaluate-discover second-cohort afterload verify slurm-kills clean-run
 
 help: ## print this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "  make %-18s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -85,6 +85,11 @@ evaluate-discover: ## search the made patients of docs/missing-effects.md and dr
 	$(EXAMPLE) figures -- docs/images "another formulation=$(EVALUATION)/other=$(EVALUATION)/other.jsonl" \
 		"the fitted model=$(EVALUATION)/same=$(EVALUATION)/same.jsonl" \
 		"nulls of another formulation=$(EVALUATION)/nulls=$(EVALUATION)/nulls.jsonl"
+
+SECOND_COHORT := $(if $(CARGO_TARGET_DIR),$(CARGO_TARGET_DIR),target)/second-cohort
+second-cohort: build ## make twenty patients of another formulation, on whom nothing was chosen, and personalise them (docs/step3.md; 10 minutes)
+	$(EXAMPLE) validation -- $(SECOND_COHORT) --nulls 20 --singles 0 --seed 20261124 --no-visibility --jobs $(JOBS)
+	$(BIN)/cardiotwin run $(SECOND_COHORT)
 
 RECORDS := examples/afterload
 afterload: build ## fit and search the measured records of examples/afterload; draws the pictures of docs/afterload.md
