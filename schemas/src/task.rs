@@ -86,7 +86,7 @@ impl TaskSpec {
     #[must_use]
     pub fn model_version(&self) -> u32 {
         match self {
-            Self::PassiveState(_) => 6,
+            Self::PassiveState(_) => 7,
             Self::Discover(_) => 4,
             Self::Step1Proposal(_) => 6,
             Self::CellFit(_) => 5,
