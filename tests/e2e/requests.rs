@@ -32,13 +32,14 @@ fn rerun_with_damping_continues_from_stored_iterations() {
 
 /// The paper's odd one out: its tenth simulation aborted and the ninth was taken. Here too a simulation fails, the best
 /// earlier iteration is taken, step 2 runs from it, and a damped rerun goes on behind the failed one. The cell's stretch is
-/// the paper's, with which the loop runs away.
+/// the paper's and activation begins with the beat, with which the loop runs away.
 #[test]
 fn a_stalled_step_1_is_a_result_and_can_be_continued() {
     let cohort = Cohort::quick_of("04-CoA");
     let file = cohort.path().join("cohort.toml");
     let text = std::fs::read_to_string(&file).unwrap();
-    std::fs::write(&file, format!("solver.cell_stretch = \"end-diastole\"\n{text}")).unwrap();
+    let runaway = "solver.cell_stretch = \"end-diastole\"\nsolver.activation.onset_ms = 0";
+    std::fs::write(&file, format!("{runaway}\n{text}")).unwrap();
     cohort.call(&["run", "--no-report"]);
     let before = cohort.patient("04-CoA");
     assert_eq!(before["step1"]["quality"]["reason"], "simulation-failed", "{}", before["step1"]);

@@ -92,10 +92,15 @@ fn the_heart_is_drawn(folder: &Path, figures: &VentricleFigures) {
         assert_eq!((state.points_mm.len(), state.sa_kpa.len(), state.lambda.len()), (n, n, n));
     }
     let muscle = heart.parts.iter().filter(|part| part.contracts).flat_map(|part| part.triangles.as_flattened());
+    let mut relaxed = 0;
     for corner in muscle.map(|corner| *corner as usize) {
         assert_eq!((begin.lambda[corner], begin.sa_kpa[corner]), (Some(1.0), Some(0.0)));
-        assert!(end.sa_kpa[corner].unwrap() > 0.0 && (0.7..1.2).contains(&end.lambda[corner].unwrap()));
+        let (stress_kpa, stretch) = (end.sa_kpa[corner].unwrap(), end.lambda[corner].unwrap());
+        assert!(stress_kpa >= 0.0 && (0.7..1.2).contains(&stretch), "{stress_kpa} kPa at {stretch}");
+        // What was activated first may have relaxed already.
+        relaxed += usize::from(stress_kpa == 0.0);
     }
+    assert!(relaxed * 10 < n, "{relaxed} of {n} corners without stress");
     assert!(heart.parts.iter().any(|part| !part.contracts) && heart.parts.iter().any(|part| part.surface == "cut"));
 }
 
