@@ -62,6 +62,22 @@ impl Biomarkers {
         ]
     }
 
+    /// Biomarkers with these values in the order of [`Self::of_organ`], and no others.
+    #[must_use]
+    pub fn with_organ(values: [Option<f64>; 7]) -> Self {
+        let [p_max_mmhg, dpdt_max_mmhg_per_ms, dpdt_min_mmhg_per_ms, ptd90_ms, tau_vd_ms, tau_vr_ms, sv_ml] = values;
+        Self {
+            p_max_mmhg,
+            dpdt_max_mmhg_per_ms,
+            dpdt_min_mmhg_per_ms,
+            ptd90_ms,
+            tau_vd_ms,
+            tau_vr_ms,
+            sv_ml,
+            ..Self::default()
+        }
+    }
+
     /// The place of a biomarker that step 1 fits, by its key in [`STEP1_BIOMARKERS`].
     pub fn step1_target_mut(&mut self, key: &str) -> Option<&mut Option<f64>> {
         Some(match key {

@@ -40,6 +40,10 @@ pub struct CohortFile {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(with = "Option<crate::step3::Step3Settings>")]
     pub step3: Option<serde_json::Value>,
+    /// See [`Settings::posterior`].
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schemars(with = "Option<crate::posterior::PosteriorSettings>")]
+    pub posterior: Option<serde_json::Value>,
     /// See [`Settings::workflow`].
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(with = "Option<crate::settings::WorkflowSettings>")]
@@ -60,6 +64,7 @@ impl CohortFile {
             step2: self.step2.clone(),
             verification: self.verification.clone(),
             step3: self.step3.clone(),
+            posterior: self.posterior.clone(),
             workflow: self.workflow.clone(),
             executor: self.executor.clone(),
         }
@@ -91,6 +96,9 @@ pub struct SettingsLayer {
     /// See [`Settings::step3`].
     #[serde(skip_serializing_if = "Option::is_none")]
     pub step3: Option<serde_json::Value>,
+    /// See [`Settings::posterior`].
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub posterior: Option<serde_json::Value>,
     /// See [`Settings::workflow`].
     #[serde(skip_serializing_if = "Option::is_none")]
     pub workflow: Option<serde_json::Value>,

@@ -23,6 +23,7 @@ pub mod outcome;
 pub mod overlay;
 pub mod patient;
 pub mod plan;
+pub mod posterior;
 pub mod preparation;
 pub mod progress;
 pub mod provenance;

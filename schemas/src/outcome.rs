@@ -11,6 +11,7 @@ use crate::failure::Failure;
 use crate::ids::AttemptId;
 use crate::motion::MotionMeasures;
 use crate::organ::{CirculationSpec, OrganSpec, Step1Parameters};
+use crate::posterior::PosteriorResult;
 use crate::provenance::Provenance;
 use crate::samples::BeatSamples;
 
@@ -81,6 +82,8 @@ pub enum TaskResult {
     Step1Proposal(Step1ProposalResult),
     /// What to simulate next in step 3.
     Step3Proposal(Step3ProposalResult),
+    /// How sure the twin is.
+    Posterior(Box<PosteriorResult>),
     /// Step 2's targets.
     Targets(TargetsResult),
     /// Step 2.

@@ -12,13 +12,15 @@ use crate::organ::{
     BeatCount, CellStretch, CirculationSpec, ContractionSpec, OrganSpec, Step1Parameters, ValveParameters,
 };
 use crate::outcome::PassiveStateResult;
+use crate::patient::Noise;
+use crate::posterior::{PosteriorSpec, TwinBeat};
 use crate::settings::{ActivationSettings, Fidelity, Settings, StartMode};
 use crate::task::{
     CellInOrgan, InputFile, OrganBeatSpec, PassiveStateSpec, Step1ProposalSpec, Step1Run, Step3ProposalSpec, Step3Run,
     TaskSpec,
 };
 
-/// Proposals of all patients draw the same: the data make the difference.
+/// Proposals and chains of all patients draw the same: the data make the difference.
 const PROPOSAL_SEED: u64 = 1;
 
 /// Which chain of tasks a patient runs through.
@@ -56,6 +58,9 @@ pub struct ResolvedPatient {
     /// Measured calcium transient, for `step2.calcium = "median-trace"`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub calcium: Option<InputFile>,
+    /// What the clinic states of its traces' noise.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub noise: Option<Noise>,
     /// Files of an external solver, by the names that its command knows them by.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub external_files: Vec<InputFile>,
@@ -184,6 +189,27 @@ impl ResolvedPatient {
         }
     }
 
+    /// How sure a twin is.
+    ///
+    /// - `cell`: what step 3 begins with
+    #[must_use]
+    pub fn posterior_spec(&self, step0: &PassiveStateResult, cell: &CellInOrgan, twin: TwinBeat) -> PosteriorSpec {
+        let Settings { solver, step3, posterior, .. } = &self.settings;
+        let beat = cell.beat.with_parameters(&twin.parameters);
+        let newton_iterations = solver.newton_iterations;
+        PosteriorSpec {
+            parameters: step3.moved(&cell.beat.valves),
+            beat: OrganBeatSpec { organ: step0.organ.clone(), newton_iterations, finite_element: None, ..beat },
+            twin,
+            measured: step0.measured,
+            samples: step0.samples.clone(),
+            noise: self.noise.clone().unwrap_or_default(),
+            uncertainty_percent: step3.uncertainty_percent.clone(),
+            settings: *posterior,
+            seed: PROPOSAL_SEED,
+        }
+    }
+
     /// A member of a run without measured data: an element of a sweep, or a no-op.
     #[must_use]
     pub fn without_data(id: PatientId, workflow: Workflow) -> Self {
@@ -217,6 +243,7 @@ impl ResolvedPatient {
             random_stream: None,
             step0,
             calcium: None,
+            noise: None,
             external_files: Vec::new(),
             settings: Settings::default(),
             effects: Vec::new(),

@@ -14,6 +14,7 @@ use crate::outcome::{
     TargetsResult,
 };
 use crate::plan::ResolvedPatient;
+use crate::posterior::PosteriorResult;
 use crate::provenance::Provenance;
 use crate::status::PatientStatus;
 use crate::verdict::Verdict;
@@ -64,6 +65,9 @@ pub struct PatientRecord {
     /// How step 3 ended.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub step3: Option<Step3Summary>,
+    /// How sure the twin is.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub posterior: Option<TaskRecord<PosteriorResult>>,
     /// What the twin's beat says of it: the verification beat, or the best one of step 3; absent without one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub verdict: Option<Verdict>,

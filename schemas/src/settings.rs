@@ -11,6 +11,7 @@ use crate::external::ExternalSettings;
 use crate::finite_element::FiniteElementSettings;
 use crate::notices::NoticeSettings;
 use crate::organ::{RICE_PARAMETERS, StretchOrigin, TanhParameters, ValveParameters};
+use crate::posterior::PosteriorSettings;
 use crate::step3::Step3Settings;
 use crate::verdict::TwinTolerances;
 
@@ -28,6 +29,8 @@ pub struct Settings {
     pub verification: VerificationSettings,
     /// Step 3.
     pub step3: Step3Settings,
+    /// How sure the twin is.
+    pub posterior: PosteriorSettings,
     /// How far a patient goes.
     pub workflow: WorkflowSettings,
     /// Where tasks run.

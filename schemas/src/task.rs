@@ -15,6 +15,7 @@ use crate::organ::{
     BeatCount, CellStretch, CirculationSpec, ContractionSpec, EffectSpec, OneFibrePassive, OrganSpec, Step1Parameters,
     VALVE_PARAMETERS, ValveParameters, WindkesselParameters,
 };
+use crate::posterior::PosteriorSpec;
 use crate::samples::{BeatSamples, MeasuredTraces};
 use crate::settings::{ActivationSettings, CellFitSettings, InstructionSet, StartMode};
 use crate::sweep::CellDesign;
@@ -43,6 +44,8 @@ pub enum TaskSpec {
     Step1Proposal(Box<Step1ProposalSpec>),
     /// What to simulate next in step 3, by space mapping.
     Step3Proposal(Box<Step3ProposalSpec>),
+    /// How sure the twin is.
+    Posterior(Box<PosteriorSpec>),
     /// Median nodal traces and step 2's targets.
     Targets(TargetsSpec),
     /// Step 2: differential evolution at the cell.
@@ -64,6 +67,7 @@ impl TaskSpec {
             Self::OrganBeat(_) => "organ-beat",
             Self::Step1Proposal(_) => "step1-proposal",
             Self::Step3Proposal(_) => "step3-proposal",
+            Self::Posterior(_) => "posterior",
             Self::Targets(_) => "targets",
             Self::CellFit(_) => "cell-fit",
             Self::CellSweep(_) => "cell-sweep",
@@ -94,7 +98,7 @@ impl TaskSpec {
             Self::Step3Proposal(_) => 5,
             Self::Targets(_) => 3,
             Self::CellSweep(_) => 2,
-            Self::Noop(_) => 1,
+            Self::Posterior(_) | Self::Noop(_) => 1,
         }
     }
 

@@ -188,6 +188,9 @@ pub enum TaskError {
     /// Nothing can be proposed for step 1.
     #[error("nothing to simulate next: {0}")]
     NoProposal(&'static str),
+    /// The one-fibre ventricle has no beat with the twin's parameters, or none near them.
+    #[error("the one-fibre ventricle makes no beat near the twin's parameters: its posterior cannot be sampled")]
+    NoPosterior,
     /// The settings of an external solver make no sense.
     #[error("solver.external: {0}")]
     External(String),
@@ -260,6 +263,7 @@ impl TaskError {
             | Self::SimulatedTrace(_)
             | Self::NoCell
             | Self::NoBeat { .. }
+            | Self::NoPosterior
             | Self::NoProposal(_) => FailureClass::Numerics,
             Self::Discover(DiscoverError::NoBaseFit) => FailureClass::Numerics,
             Self::Discover(_) => FailureClass::Input,
@@ -294,6 +298,7 @@ impl TaskError {
             Self::NoProposal(_) => {
                 Some("rerun from step1 with other initial values, bounds or update = \"fixed-point\"")
             }
+            Self::NoPosterior => Some("set posterior.enabled = false, or rerun from step3 with other bounds"),
             Self::External(_) => Some("correct [solver.external] or the template"),
             Self::ExternalStart { .. } => {
                 Some("correct solver.external.command, or PATH where workers run, then run again")

@@ -49,6 +49,7 @@ impl Beginning {
                 TaskSpec::Discover(spec) => Some(spec.seed),
                 TaskSpec::Step1Proposal(spec) => Some(spec.seed),
                 TaskSpec::Step3Proposal(spec) => Some(spec.seed),
+                TaskSpec::Posterior(spec) => Some(spec.seed),
                 TaskSpec::CellSweep(spec) => spec.design.scramble_seed,
                 _ => None,
             },
@@ -77,6 +78,7 @@ pub fn inputs(task: &TaskSpec) -> Vec<&InputFile> {
         TaskSpec::OrganBeat(spec) => calcium(spec),
         // Of a mesh only the figures are used, which the specification holds.
         TaskSpec::Step3Proposal(spec) => calcium(&spec.beat),
+        TaskSpec::Posterior(spec) => calcium(&spec.beat),
         TaskSpec::Discover(spec) => vec![&spec.pressure, &spec.volume],
         TaskSpec::Step1Proposal(_) | TaskSpec::CellSweep(_) | TaskSpec::Noop(_) => Vec::new(),
     }

@@ -25,16 +25,15 @@ pub fn biomarkers(b: &Biomarkers) -> Calibrated {
 /// The same in the form of files.
 #[must_use]
 pub fn to_schema(b: &Calibrated) -> Biomarkers {
-    Biomarkers {
-        p_max_mmhg: b.p_max_mmhg,
-        dpdt_max_mmhg_per_ms: b.dpdt_max_mmhg_per_ms,
-        dpdt_min_mmhg_per_ms: b.dpdt_min_mmhg_per_ms,
-        ptd90_ms: b.ptd90_ms,
-        tau_vd_ms: b.tau_vd_ms,
-        tau_vr_ms: b.tau_vr_ms,
-        sv_ml: b.sv_ml,
-        ..Biomarkers::default()
-    }
+    Biomarkers::with_organ([
+        b.p_max_mmhg,
+        b.dpdt_max_mmhg_per_ms,
+        b.dpdt_min_mmhg_per_ms,
+        b.ptd90_ms,
+        b.tau_vd_ms,
+        b.tau_vr_ms,
+        b.sv_ml,
+    ])
 }
 
 /// What biomarkers tell; without a whole beat pressure alone counts: hardly any volume has moved.

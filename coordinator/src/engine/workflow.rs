@@ -19,6 +19,7 @@ use cardiotwin_schemas::outcome::{
     Artefact, CellFitResult, PassiveStateResult, Step1ProposalResult, Step3ProposalResult, TargetsResult, TaskResult,
 };
 use cardiotwin_schemas::plan::{ResolvedPatient, Workflow};
+use cardiotwin_schemas::posterior::TwinBeat;
 use cardiotwin_schemas::record::{StallReason, Step1Quality, Step1Summary, Step3Ending, Step3Summary};
 use cardiotwin_schemas::settings::{LastStep, Update};
 use cardiotwin_schemas::task::{
@@ -153,7 +154,8 @@ impl<'a> Derivation<'a, '_> {
             let verified = self.verification(&step0, &beat)?;
             if self.plan.settings.workflow.until == LastStep::Step3 {
                 let cell = CellInOrgan { beat, step1: Some(of_step1) };
-                self.step3(&step0, &cell, verified)?;
+                let twin = self.step3(&step0, &cell, verified)?;
+                self.posterior(&step0, &cell, twin)?;
             }
         }
         Ok(())
@@ -467,7 +469,7 @@ impl<'a> Derivation<'a, '_> {
         Ok(beat)
     }
 
-    fn step3(&mut self, step0: &PassiveStateResult, cell: &CellInOrgan, verified: step3::Beat) -> Derived<()> {
+    fn step3(&mut self, step0: &PassiveStateResult, cell: &CellInOrgan, verified: step3::Beat) -> Derived<step3::Beat> {
         let settings = &self.plan.settings.step3;
         let traces = settings.traces(step0, self.plan.step0.cycle_length_ms);
         let n_measured = settings.n_measured(&step0.measured, traces.as_ref());
@@ -513,8 +515,26 @@ impl<'a> Derivation<'a, '_> {
             ending,
             best_iteration: best as u32,
             misfit: taken.misfit.unwrap_or(f64::INFINITY),
-            parameters: taken.parameters,
+            parameters: taken.parameters.clone(),
         });
+        Ok(taken)
+    }
+
+    /// How sure the twin is. A posterior that cannot be sampled leaves the twin as it is.
+    fn posterior(&mut self, step0: &PassiveStateResult, cell: &CellInOrgan, twin: step3::Beat) -> Derived<()> {
+        let step3::Beat { parameters, biomarkers: Some(biomarkers), samples: Some(samples), .. } = twin else {
+            return Ok(());
+        };
+        if !self.plan.settings.posterior.enabled {
+            return Ok(());
+        }
+        let spec = self.plan.posterior_spec(step0, cell, TwinBeat { parameters, biomarkers, samples });
+        let step = Step::only(Stage::Posterior);
+        match self.result(step, TaskSpec::Posterior(Box::new(spec))) {
+            Ok(done) => self.chain.posterior = Some(done.key),
+            Err(Next::Failed { failure, .. }) if failure.class == FailureClass::Numerics => {}
+            Err(next) => return Err(next),
+        }
         Ok(())
     }
 

@@ -143,6 +143,7 @@ pub fn load_alone(folder: &Path, report: &mut Report) -> Option<Patient> {
         step2: None,
         verification: None,
         step3: None,
+        posterior: None,
         workflow: None,
         executor: None,
     };

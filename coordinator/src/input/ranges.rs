@@ -6,6 +6,7 @@ use cardiotwin_schemas::finite_element::{FiniteElementSettings, WallSettings};
 use cardiotwin_schemas::notices::NoticeSettings;
 use cardiotwin_schemas::organ::CELL_PARAMETERS;
 use cardiotwin_schemas::organ::is_parameter;
+use cardiotwin_schemas::posterior::PosteriorSettings;
 use cardiotwin_schemas::settings::{
     CellFitSettings, STEP1_BIOMARKERS, STEP1_PARAMETERS, Settings, SolverSettings, Step1Settings,
 };
@@ -43,6 +44,7 @@ pub fn complaints(settings: &Settings) -> Vec<Complaint> {
     list.step2(&settings.step2);
     list.verification(&settings.verification.tolerance_percent);
     list.step3(&settings.step3);
+    list.posterior(&settings.posterior);
     let executor = &settings.executor;
     list.count("executor.threads", executor.threads, 0, 1024);
     list.count("executor.workers", executor.workers, 0, 4096);
@@ -257,6 +259,12 @@ impl List {
         for (name, percent) in tolerances.named() {
             self.positive(&format!("verification.tolerance_percent.{name}"), percent, 1e3);
         }
+    }
+
+    fn posterior(&mut self, posterior: &PosteriorSettings) {
+        // The 5 % quantile of fewer draws is the smallest of them.
+        self.count("posterior.draws", posterior.draws, 40, 100_000);
+        self.within("posterior.discrepancy_correlation_ms", posterior.discrepancy_correlation_ms, 1.0, 1e4);
     }
 
     fn step3(&mut self, step3: &Step3Settings) {

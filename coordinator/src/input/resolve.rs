@@ -73,6 +73,7 @@ pub fn resolve(
         random_stream: None,
         step0,
         calcium,
+        noise: measured.noise.clone(),
         external_files,
         settings: settings.clone(),
         effects: overlay.map_or_else(Vec::new, |o| o.effects.clone()),

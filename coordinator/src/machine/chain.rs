@@ -45,6 +45,9 @@ pub struct Chain {
     /// How step 3 ended.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub step3: Option<Step3Summary>,
+    /// How sure the twin is.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub posterior: Option<TaskKey>,
     /// No-op tasks.
     pub noops: Vec<TaskKey>,
     /// The one task of a sweep's element.
@@ -113,6 +116,7 @@ impl Chain {
             .chain([Stage::Step2].into_iter().zip(&self.cell_fit))
             .chain([Stage::Verification].into_iter().zip(&self.verification))
             .chain(std::iter::repeat(Stage::Step3).zip(self.step3_iterations.iter().map(|i| &i.task)))
+            .chain([Stage::Posterior].into_iter().zip(&self.posterior))
             .chain(std::iter::repeat(Stage::Noop).zip(&self.noops))
             .chain([Stage::Task].into_iter().zip(&self.task))
             .scan((None, 0), |(last, number), (stage, key)| {

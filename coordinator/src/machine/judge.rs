@@ -12,6 +12,7 @@ use cardiotwin_schemas::outcome::{
     CellFitResult, CellSweepResult, Ending, OrganBeatResult, PassiveStateResult, ProposalResult, Step1ProposalResult,
     Step3ProposalResult, TargetsResult, TaskOutcome, TaskResult,
 };
+use cardiotwin_schemas::posterior::PosteriorResult;
 use cardiotwin_schemas::settings::STEP1_PARAMETERS;
 
 use super::job::AttemptEnding;
@@ -47,6 +48,7 @@ fn science(kind: &str, result: &TaskResult) -> Result<(), Failure> {
         ("organ-beat", TaskResult::OrganBeat(r)) => organ_beat(r),
         ("step1-proposal", TaskResult::Step1Proposal(r)) => step1_proposal(r),
         ("step3-proposal", TaskResult::Step3Proposal(r)) => step3_proposal(r),
+        ("posterior", TaskResult::Posterior(r)) => posterior(r),
         ("targets", TaskResult::Targets(r)) => targets(r),
         ("cell-fit", TaskResult::CellFit(r)) => cell_fit(r),
         ("cell-sweep", TaskResult::CellSweep(r)) => cell_sweep(r),
@@ -58,6 +60,7 @@ fn science(kind: &str, result: &TaskResult) -> Result<(), Failure> {
                 TaskResult::OrganBeat(_) => "organ-beat",
                 TaskResult::Step1Proposal(_) => "step1-proposal",
                 TaskResult::Step3Proposal(_) => "step3-proposal",
+                TaskResult::Posterior(_) => "posterior",
                 TaskResult::Targets(_) => "targets",
                 TaskResult::CellFit(_) => "cell-fit",
                 TaskResult::CellSweep(_) => "cell-sweep",
@@ -130,6 +133,17 @@ fn proposal<P>(r: &ProposalResult<P>) -> Result<(), Failure> {
     finite("predicted cost", r.predicted_cost)?;
     finite("predicted misfit", r.predicted_misfit)?;
     biomarkers(&r.predicted)
+}
+
+fn posterior(r: &PosteriorResult) -> Result<(), Failure> {
+    for (name, spread) in &r.parameters {
+        [spread.posterior.p5, spread.posterior.p50, spread.posterior.p95].iter().try_for_each(|v| finite(name, *v))?;
+    }
+    finite("what data and prior leave", r.sampling.left_over_expected)?;
+    if r.draws.is_empty() {
+        return Err(numerics("no draw of the posterior was kept".into()));
+    }
+    Ok(())
 }
 
 fn targets(r: &TargetsResult) -> Result<(), Failure> {

@@ -54,6 +54,8 @@ pub enum Stage {
     /// The simulations with cells in the organ.
     #[serde(rename = "step-3")]
     Step3,
+    /// How sure the twin is.
+    Posterior,
     /// A no-op.
     Noop,
     /// The one task of a sweep's element.
@@ -73,6 +75,7 @@ impl Stage {
             Self::Verification => "verification",
             Self::Step3Proposal => "step-3-proposal",
             Self::Step3 => "step-3",
+            Self::Posterior => "posterior",
             Self::Noop => "noop",
             Self::Task => "task",
         }
@@ -87,7 +90,7 @@ impl fmt::Display for Stage {
 
 /// A word that names no stage.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("`{found}` is no step; expected step0, step1, targets, step2, verification or step3")]
+#[error("`{found}` is no step; expected step0, step1, targets, step2, verification, step3 or posterior")]
 pub struct UnknownStage {
     /// What was given.
     pub found: String,
@@ -105,6 +108,7 @@ impl FromStr for Stage {
             "step2" | "step-2" => Ok(Self::Step2),
             "verification" => Ok(Self::Verification),
             "step3" | "step-3" => Ok(Self::Step3),
+            "posterior" => Ok(Self::Posterior),
             _ => Err(UnknownStage { found: text.to_owned() }),
         }
     }

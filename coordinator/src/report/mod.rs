@@ -14,6 +14,7 @@ mod organ_3d;
 mod page;
 mod patient;
 mod plot;
+mod posterior;
 pub mod prediction;
 pub mod preparation;
 mod provenance;

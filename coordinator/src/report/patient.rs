@@ -8,6 +8,7 @@ use super::figures::{self, figure, legend, line_name};
 use super::format::{count, duration, fixed, percent, significant, symbol};
 use super::motion;
 use super::organ_3d;
+use super::posterior;
 use super::provenance;
 use super::tables;
 use crate::results::{Biomarker, PatientView, SignalKind, Signals, Source, Step};
@@ -309,6 +310,7 @@ pub fn section(patient: &PatientRecord, signals: &Signals) -> Markup {
             (beat(patient, signals))
             (step1(patient))
             (cell(patient, signals))
+            (posterior::part(patient, signals))
             (organ_3d::part(patient, signals))
             h3 { "Numbers" }
             div.tables {

@@ -142,6 +142,10 @@ pub(super) fn patient(
         verification_cost: chain.verification_cost,
         verdict: chain.verdict.clone(),
         step3: chain.step3,
+        posterior: find(settled, chain.posterior.as_ref(), |result| match result {
+            TaskResult::Posterior(r) => Some(r.as_ref().clone()),
+            _ => None,
+        }),
         step1: chain.step1,
         plan,
         status,

@@ -19,6 +19,7 @@ pub mod least_squares;
 pub mod normal;
 pub mod polish;
 pub mod population;
+pub mod posterior;
 mod profile_interval;
 mod random;
 pub mod robustness;

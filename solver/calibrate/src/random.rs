@@ -22,6 +22,8 @@ pub(crate) enum Purpose {
     Deviates = 6,
     /// The mean of each of its starts.
     Starts = 7,
+    /// Draws of a posterior.
+    Posterior = 8,
 }
 
 /// The generator of a seed, a purpose and a position such as (generation, candidate).

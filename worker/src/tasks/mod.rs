@@ -5,6 +5,7 @@ pub mod discover;
 pub mod noop;
 pub mod organ_beat;
 pub mod passive_state;
+pub mod posterior;
 pub mod proposal;
 pub mod sweep;
 pub mod targets;
@@ -25,6 +26,7 @@ pub fn run_task(task: &TaskSpec, context: &mut Context) -> Ending {
         TaskSpec::OrganBeat(spec) => organ_beat::run(spec, context),
         TaskSpec::Step1Proposal(spec) => proposal::step1::run(spec, context).map(succeeded),
         TaskSpec::Step3Proposal(spec) => proposal::step3::run(spec, context).map(succeeded),
+        TaskSpec::Posterior(spec) => posterior::run(spec, context).map(succeeded),
         TaskSpec::Targets(spec) => targets::run(spec, context).map(succeeded),
         TaskSpec::CellFit(spec) => cell_fit::run(spec, context).map(succeeded),
     };

@@ -25,7 +25,7 @@ use crate::input::{Layer, Report, check_on_top, nearest};
 pub struct RerunArgs {
     /// Whose
     patient: String,
-    /// From which step: step0, step1, targets, step2, verification or step3
+    /// From which step: step0, step1, targets, step2, verification, step3 or posterior
     #[arg(long, value_name = "STEP")]
     from: Stage,
     /// Damping of step 1's updates: 1 is the paper's, smaller is more careful

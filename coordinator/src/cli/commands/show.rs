@@ -53,6 +53,7 @@ pub async fn execute(args: &ShowArgs, talk: &Talk) -> Result<Exit, CliError> {
         motion(&record, talk),
         iterations(&record, talk),
         step3(&record, talk),
+        posterior(&record, talk),
         cell(&record, talk),
         estimates(&record, talk),
         files(&record, talk),
@@ -314,6 +315,31 @@ fn step3(record: &PatientRecord, talk: &Talk) -> String {
     row.extend(record.step3_iterations.iter().map(|iteration| optional(iteration.misfit)));
     table.row(row);
     table.text()
+}
+
+/// How sure the twin is: 90 % intervals of parameters and biomarkers.
+fn posterior(record: &PatientRecord, talk: &Talk) -> String {
+    let Some(result) = record.posterior.as_ref().map(|task| &task.result) else { return String::new() };
+    let mut table = Columns::new(talk, &["HOW SURE", ">TWIN", ">5 %", ">50 %", ">95 %", "DATA SAY"]);
+    for (name, spread) in &result.parameters {
+        let values = [spread.twin, spread.posterior.p5, spread.posterior.p50, spread.posterior.p95];
+        let mut row = vec![name.clone()];
+        row.extend(values.map(|value| optional(Some(value))));
+        row.push(spread.mark.as_str().to_owned());
+        table.row(row);
+    }
+    let twin = record.twin().map(|twin| twin.result.biomarkers.of_organ());
+    for (name, spread) in &result.biomarkers {
+        let own = twin.iter().flatten().find(|(other, _)| other == name).and_then(|(_, value)| *value);
+        let mut row = vec![name.clone(), optional(own)];
+        row.extend([spread.p5, spread.p50, spread.p95].map(|value| optional(Some(value))));
+        row.push(String::new());
+        table.row(row);
+    }
+    let sampling = &result.sampling;
+    let doubt = sampling.doubt().map_or_else(String::new, |doubt| format!("; take the intervals for a guess: {doubt}"));
+    table.text()
+        + &format!("{} draws, {} beats of the one-fibre ventricle{doubt}\n", result.draws.len(), sampling.evaluations)
 }
 
 fn hint(record: &PatientRecord, folders: &Folders) -> Option<String> {

@@ -24,11 +24,12 @@ const BYTES_PER_NODE: f64 = 30_000.0;
 /// `ventricle.bin` and what else step 0 leaves, bytes for each node.
 const STEP0_BYTES_PER_NODE: f64 = 490.0;
 /// Attempts of 03-CoA on the reduced ventricle, by kind: bytes, and files with their folders.
-const GUESSED: [(&str, f64, f64); 7] = [
+const GUESSED: [(&str, f64, f64); 8] = [
     ("passive-state", 8_000.0, 7.0),
     ("organ-beat", 590_000.0, 9.0),
     ("step1-proposal", 9_000.0, 5.0),
     ("step3-proposal", 12_000.0, 5.0),
+    ("posterior", 80_000.0, 5.0),
     ("targets", 90_000.0, 7.0),
     ("cell-fit", 320_000.0, 10.0),
     ("noop", 2_000.0, 5.0),

@@ -68,7 +68,7 @@ impl Expectations {
             // Step 0 of an external solver is that of the reduced ventricle.
             "passive-state" if plan.settings.solver.fidelity == Fidelity::External => 3.0,
             "passive-state" => 3.0 * self.beat_s(plan),
-            "step1-proposal" | "cell-fit" | "cell-sweep" => 60.0,
+            "step1-proposal" | "step3-proposal" | "posterior" | "cell-fit" | "cell-sweep" => 60.0,
             "discover" => 600.0,
             _ => 1.0,
         }
@@ -77,8 +77,18 @@ impl Expectations {
     /// All kinds of a patient's chain, for its driver.
     #[must_use]
     pub fn by_kind(&self, plan: &ResolvedPatient) -> BTreeMap<String, f64> {
-        let kinds =
-            ["passive-state", "organ-beat", "step1-proposal", "targets", "cell-fit", "cell-sweep", "discover", "noop"];
+        let kinds = [
+            "passive-state",
+            "organ-beat",
+            "step1-proposal",
+            "step3-proposal",
+            "posterior",
+            "targets",
+            "cell-fit",
+            "cell-sweep",
+            "discover",
+            "noop",
+        ];
         kinds.into_iter().map(|kind| (kind.to_owned(), self.task_s(kind, plan))).collect()
     }
 
@@ -119,6 +129,7 @@ pub fn rest(plan: &ResolvedPatient, chain: &Chain) -> Vec<(&'static str, usize)>
                 ("passive-state", usize::from(chain.step0.is_none())),
                 ("organ-beat", iterations + usize::from(chain.verification.is_none()) + step3),
                 ("step3-proposal", step3),
+                ("posterior", usize::from(is_wanted && settings.posterior.enabled && chain.posterior.is_none())),
                 ("step1-proposal", if proposes { iterations } else { 0 }),
                 ("targets", usize::from(chain.targets.is_none())),
                 ("cell-fit", usize::from(chain.cell_fit.is_none())),

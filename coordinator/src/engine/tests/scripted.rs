@@ -14,8 +14,11 @@ use cardiotwin_schemas::organ::{
     ActivationSpec, CirculationSpec, ContractionSpec, OneFibrePassive, OrganSpec, Step1Parameters, WindkesselParameters,
 };
 use cardiotwin_schemas::outcome::{
-    Artefact, CellFitResult, CellSweepResult, Check, Ending, FittedParameter, OrganBeatResult, PassiveStateResult,
-    Step1ProposalResult, Step3ProposalResult, TargetsResult, TaskOutcome, TaskResult,
+    Artefact, CellFitResult, CellSweepResult, Check, Determination, Ending, FittedParameter, OrganBeatResult,
+    PassiveStateResult, Step1ProposalResult, Step3ProposalResult, TargetsResult, TaskOutcome, TaskResult,
+};
+use cardiotwin_schemas::posterior::{
+    Band, Deviations, ParameterSpread, PosteriorResult, PosteriorSpec, Sampling, Spread, USUAL_NOISE,
 };
 use cardiotwin_schemas::provenance::Provenance;
 use cardiotwin_schemas::task::{InputFile, TaskSpec};
@@ -235,6 +238,7 @@ impl Script {
                     reduced_beats: 100,
                 })
             }
+            TaskSpec::Posterior(spec) => TaskResult::Posterior(Box::new(posterior(spec))),
             TaskSpec::Targets(_) => {
                 let has_calcium = false;
                 TaskResult::Targets(TargetsResult {
@@ -364,5 +368,24 @@ impl Executor for Scripted {
             }
         }
         news
+    }
+}
+
+/// A posterior as wide as its prior, of one draw.
+fn posterior(spec: &PosteriorSpec) -> PosteriorResult {
+    let parameters = spec.parameters.iter().map(|(name, moved)| {
+        let prior = Spread { p5: moved.lower, p50: moved.centre, p95: moved.upper };
+        let twin = spec.twin.parameters[name];
+        (name.clone(), ParameterSpread { twin, posterior: prior, prior, mark: Determination::NotDetermined })
+    });
+    PosteriorResult {
+        parameters: parameters.collect(),
+        biomarkers: Default::default(),
+        pressure_mmhg: Band::default(),
+        volume_ml: Band::default(),
+        correlations: vec![],
+        draws: vec![spec.parameters.values().map(|moved| moved.centre).collect()],
+        deviations: Deviations { noise: USUAL_NOISE, pressure_discrepancy_mmhg: 0.0, volume_discrepancy_ml: 0.0 },
+        sampling: Sampling { converged_share: 1.0, left_over_expected: 1.0, evaluations: 1 },
     }
 }

@@ -1,17 +1,15 @@
 //! What to simulate next in step 3: the cell whose one-fibre ventricle, corrected to the beats so far, meets the data.
 
-use std::collections::BTreeMap;
-
 use cardiotwin_calibrate::Interval;
 use cardiotwin_calibrate::fixed_point::{Biomarker, Outcome, Weights};
 use cardiotwin_calibrate::least_squares;
 use cardiotwin_calibrate::space_mapping::{Effort, Nearness, Prior, Problem, Run, Trial, propose};
-use cardiotwin_models::contraction::LAMBDA_CAP;
-use cardiotwin_schemas::organ::{ActivationSpec, ContractionSpec, OneFibrePassive, Step1Parameters, cell_default};
+use cardiotwin_schemas::organ::{ActivationSpec, ContractionSpec, OneFibrePassive, Step1Parameters};
 use cardiotwin_schemas::outcome::{Step3ProposalResult, TaskResult};
 use cardiotwin_schemas::samples::BeatSamples;
-use cardiotwin_schemas::task::{MovedParameter, OrganBeatSpec, Step1Beat, Step3ProposalSpec, Step3Run};
+use cardiotwin_schemas::task::{OrganBeatSpec, Step1Beat, Step3ProposalSpec, Step3Run};
 
+use super::axes::{axes, is_sensitive, named, point};
 use super::one_fibre;
 use crate::context::Context;
 use crate::error::TaskError;
@@ -47,10 +45,8 @@ pub fn run(spec: &Step3ProposalSpec, context: &mut Context) -> Result<TaskResult
     let beat = OrganBeatSpec { time_step_ms: spec.beat.time_step_ms.max(TIME_STEP_MS), ..spec.beat.clone() };
     // Refused once and for all: an effect that cannot act, a parameter outside the models.
     reduced(&beat, &passive, &activation)?;
-    let axes: Vec<Axis> = spec.parameters.iter().map(|(name, moved)| Axis::new(name, moved)).collect();
-    let named = |x: &[f64]| -> BTreeMap<String, f64> {
-        axes.iter().zip(x).map(|(axis, x)| (axis.name.clone(), axis.value(*x))).collect()
-    };
+    let axes = axes(&spec.parameters);
+    let named = |x: &[f64]| named(&axes, x);
     let also =
         |samples: Option<&BeatSamples>| spec.traces.as_ref().map_or_else(Vec::new, |traces| traces.residuals(samples));
     let cheap = |x: &[f64]| {
@@ -62,12 +58,9 @@ pub fn run(spec: &Step3ProposalSpec, context: &mut Context) -> Result<TaskResult
             also: also(simulated.as_ref().map(|beat| &beat.samples)),
         }
     };
-    let point = |values: &BTreeMap<String, f64>| -> Vec<f64> {
-        axes.iter().map(|axis| values.get(&axis.name).map_or(axis.prior.centre, |v| v.abs().ln())).collect()
-    };
     let runs: Vec<Run> = (spec.runs.iter())
         .map(|Step3Run { run, samples }| Run {
-            x: point(&run.parameters),
+            x: point(&axes, &run.parameters),
             outcome: run.biomarkers.as_ref().map_or(Outcome::Failed, |b| step1::told(b, run.whole_beat)),
             also: also(samples.as_ref()),
             predicted_misfit: run.predicted_misfit,
@@ -130,39 +123,4 @@ fn expected(
         Some(ratio) if !is_of_relaxation(biomarker) => ratio,
         _ => 1.0,
     })
-}
-
-/// Whether Ca50 stays above the resting calcium at any stretch that the model knows: another cell stretches the organ's
-/// weakest nodes further than any beat before.
-fn is_sensitive(beat: &OrganBeatSpec) -> bool {
-    let value = |name: &str| {
-        let given = beat.contraction.cell_parameters().and_then(|cell| cell.get(name).copied());
-        given.or_else(|| cell_default(name)).unwrap_or(f64::NAN)
-    };
-    value("Ca50_ref_uM") + value("beta_1_uM") * (LAMBDA_CAP - 1.0) > value("Ca_res_uM")
-}
-
-/// A parameter as the search sees it: the logarithm of its magnitude.
-struct Axis {
-    name: String,
-    sign: f64,
-    interval: Interval,
-    prior: Prior,
-}
-
-impl Axis {
-    fn new(name: &str, moved: &MovedParameter) -> Self {
-        let [a, b, centre] = [moved.lower, moved.upper, moved.centre].map(|value| value.abs().ln());
-        let interval = Interval::new(a.min(b), a.max(b));
-        Self {
-            name: name.to_owned(),
-            sign: moved.upper.signum(),
-            interval,
-            prior: Prior { centre: interval.clamp(centre), width: moved.log_sd },
-        }
-    }
-
-    fn value(&self, x: f64) -> f64 {
-        self.sign * x.exp()
-    }
 }

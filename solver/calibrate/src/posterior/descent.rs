@@ -1,0 +1,210 @@
+//! Levenberg-Marquardt descent of half the sum of squares of residuals and of the distance from a point of the prior.
+//!
+//! Derivatives are found by differences, and from step to step by Broyden's update: differences are taken anew where a step
+//! does not keep what it promised, and before a descent counts as ended.
+
+use nalgebra::{DMatrix, DVector};
+
+use super::{Evaluated, Target};
+
+/// Step of a difference, in standard deviations of the prior: above the roughness of a simulated beat.
+const DIFFERENCE: f64 = 0.02;
+/// Largest change of a coordinate in one step.
+const LONGEST: f64 = 1.0;
+/// A descent ends where the next step promises less.
+const GAIN: f64 = 0.1;
+/// It ends, too, where so many tries …
+const TRIES: usize = 8;
+/// … have gained less together: a posterior's typical points lie n/2 above its mode.
+const GAIN_OF_TRIES: f64 = 0.3;
+/// Damping at first, over the curvature of the prior.
+const DAMPING: f64 = 0.1;
+/// Largest damping: a descent that would need more has no way to go.
+const MOST_DAMPING: f64 = 1e5;
+/// Shares of the promised gain: below, derivatives are taken anew; above, the next step is damped less.
+const KEPT: [f64; 2] = [0.25, 0.75];
+
+/// Where a posterior is highest.
+#[derive(Debug, Clone)]
+pub struct Mode {
+    /// Standard coordinates.
+    pub u: Vec<f64>,
+    /// Residuals there.
+    pub(super) residuals: Vec<f64>,
+    /// Derivatives of the residuals, shape (residuals, parameters).
+    pub(super) jacobian: DMatrix<f64>,
+    /// How often the model was asked.
+    pub evaluations: usize,
+}
+
+impl Mode {
+    /// Sum of squares that data and prior leave, over its expected value: about 1 where model, prior and errors are right.
+    #[must_use]
+    pub fn left(&self) -> f64 {
+        let squares = self.residuals.iter().chain(&self.u).map(|v| v * v).sum::<f64>();
+        squares / self.residuals.len().max(1) as f64
+    }
+}
+
+/// A posterior's mode near a point; none where the model has no answer there.
+///
+/// - `start`: standard coordinates
+#[must_use]
+pub fn mode<Q>(target: &Target<'_, Q>, start: &[f64], max_steps: usize) -> Option<Mode> {
+    let found = target.at(start)?;
+    let aim = Aim { errors: vec![0.0; found.residuals.len()], prior: vec![0.0; start.len()] };
+    let mut descent = Descent { target, aim, evaluations: 1 };
+    let end = descent.from(start.to_vec(), found, None, max_steps)?;
+    Some(Mode { u: end.u, residuals: end.found.residuals, jacobian: end.jacobian, evaluations: descent.evaluations })
+}
+
+/// What a descent compromises between.
+pub(super) struct Aim {
+    /// Added to the residuals.
+    pub(super) errors: Vec<f64>,
+    /// The point of the prior, standard coordinates.
+    pub(super) prior: Vec<f64>,
+}
+
+/// A descent and how often it asked the model.
+pub(super) struct Descent<'a, Q> {
+    pub(super) target: &'a Target<'a, Q>,
+    pub(super) aim: Aim,
+    pub(super) evaluations: usize,
+}
+
+/// Where a descent ended.
+pub(super) struct End<Q> {
+    pub(super) u: Vec<f64>,
+    pub(super) found: Evaluated<Q>,
+    pub(super) jacobian: DMatrix<f64>,
+    /// Whether the last step gained little, not that the limit was reached.
+    pub(super) converged: bool,
+}
+
+impl<Q> Descent<'_, Q> {
+    pub(super) fn at(&mut self, u: &[f64]) -> Option<Evaluated<Q>> {
+        self.evaluations += 1;
+        self.target.at(u)
+    }
+
+    fn parts(&self, u: &[f64], residuals: &[f64]) -> (DVector<f64>, DVector<f64>) {
+        let sum = residuals.iter().zip(&self.aim.errors).map(|(r, e)| r + e);
+        let off = u.iter().zip(&self.aim.prior).map(|(u, p)| u - p);
+        (DVector::from_iterator(residuals.len(), sum), DVector::from_iterator(u.len(), off))
+    }
+
+    /// Half the sum of squares.
+    pub(super) fn height(&self, u: &[f64], residuals: &[f64]) -> f64 {
+        let (data, prior) = self.parts(u, residuals);
+        0.5 * (data.norm_squared() + prior.norm_squared())
+    }
+
+    /// The damped step from `u`, and what it promises to gain; none where its matrix has no factor.
+    fn step(&self, u: &[f64], residuals: &[f64], jacobian: &DMatrix<f64>, damping: f64) -> Option<(DVector<f64>, f64)> {
+        let (data, prior) = self.parts(u, residuals);
+        let hessian = DMatrix::identity(u.len(), u.len()) + jacobian.tr_mul(jacobian);
+        let damped = &hessian + DMatrix::from_diagonal(&(hessian.diagonal() * damping));
+        let slope = jacobian.tr_mul(&data) + prior;
+        let mut step = -damped.cholesky()?.solve(&slope);
+        step *= (LONGEST / step.amax()).min(1.0);
+        let gain = -slope.dot(&step) - 0.5 * step.dot(&(&hessian * &step));
+        Some((step, gain))
+    }
+
+    /// Descends.
+    ///
+    /// - `jacobian`: one to begin with; found by differences where there is none
+    /// - `max_steps`: tries included that gain nothing
+    pub(super) fn from(
+        &mut self,
+        mut u: Vec<f64>,
+        mut found: Evaluated<Q>,
+        jacobian: Option<DMatrix<f64>>,
+        max_steps: usize,
+    ) -> Option<End<Q>> {
+        let mut height = self.height(&u, &found.residuals);
+        let mut fresh = jacobian.is_none();
+        let mut jacobian = match jacobian {
+            Some(jacobian) => jacobian,
+            None => self.differences(&u, &found.residuals),
+        };
+        let mut damping = DAMPING;
+        let mut converged = false;
+        let mut heights = vec![height];
+        for _ in 0..max_steps {
+            if heights.len() > TRIES && heights[heights.len() - 1 - TRIES] - height < GAIN_OF_TRIES {
+                converged = true;
+                break;
+            }
+            let (step, promised) = self.step(&u, &found.residuals, &jacobian, damping)?;
+            if promised < GAIN || damping > MOST_DAMPING {
+                if fresh {
+                    converged = damping <= MOST_DAMPING;
+                    break;
+                }
+                jacobian = self.differences(&u, &found.residuals);
+                (fresh, damping) = (true, damping.min(DAMPING));
+                continue;
+            }
+            let next: Vec<f64> = u.iter().zip(&step).map(|(u, s)| u + s).collect();
+            let there = self.at(&next);
+            let gained =
+                there.as_ref().map_or(f64::NEG_INFINITY, |there| height - self.height(&next, &there.residuals));
+            let kept = gained / promised;
+            if let Some(there) = &there {
+                let change = there.residuals.iter().zip(&found.residuals).map(|(there, here)| there - here);
+                let change = DVector::from_iterator(there.residuals.len(), change);
+                let missed = change - &jacobian * &step;
+                jacobian.ger(1.0 / step.norm_squared(), &missed, &step, 1.0);
+            }
+            if let Some(there) = there.filter(|_| gained > 0.0) {
+                (u, found, height) = (next, there, height - gained);
+            }
+            heights.push(height);
+            if kept < KEPT[0] {
+                if fresh || gained.is_infinite() {
+                    damping *= 4.0;
+                }
+                if !fresh {
+                    jacobian = self.differences(&u, &found.residuals);
+                }
+                // Broyden's update of differences at hand is no worse than they are.
+                fresh = !fresh;
+            } else {
+                fresh = false;
+                if kept > KEPT[1] {
+                    damping /= 5.0;
+                }
+            }
+        }
+        // What was damped is made up for.
+        if let Some((step, _)) = self.step(&u, &found.residuals, &jacobian, 0.0).filter(|_| converged) {
+            let next: Vec<f64> = u.iter().zip(&step).map(|(u, s)| u + s).collect();
+            if let Some(there) = self.at(&next).filter(|there| self.height(&next, &there.residuals) < height) {
+                (u, found) = (next, there);
+            }
+        }
+        Some(End { u, found, jacobian, converged })
+    }
+
+    /// Derivatives of the residuals by one-sided differences, to the other side where one has no answer.
+    fn differences(&mut self, u: &[f64], residuals: &[f64]) -> DMatrix<f64> {
+        let mut jacobian = DMatrix::zeros(residuals.len(), u.len());
+        for j in 0..u.len() {
+            // Inwards, where the prior is dense and models mostly have an answer.
+            let inwards = if u[j] > 0.0 { -DIFFERENCE } else { DIFFERENCE };
+            let side = [inwards, -inwards].into_iter().find_map(|step| {
+                let mut moved = u.to_vec();
+                moved[j] += step;
+                Some((self.at(&moved)?.residuals, step))
+            });
+            if let Some((moved, step)) = side {
+                for (i, (moved, here)) in moved.iter().zip(residuals).enumerate() {
+                    jacobian[(i, j)] = (moved - here) / step;
+                }
+            }
+        }
+        jacobian
+    }
+}

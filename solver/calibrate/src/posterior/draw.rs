@@ -1,0 +1,39 @@
+//! A draw of the posterior by randomised maximum likelihood.
+
+use rand::Rng;
+use rand_pcg::Pcg64;
+
+use super::Target;
+use super::descent::{Aim, Descent, Mode};
+use crate::normal::quantile;
+use crate::random::{Purpose, generator};
+
+/// A draw.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Draw<Q> {
+    /// Standard coordinates.
+    pub u: Vec<f64>,
+    /// What the model says there.
+    pub seen: Q,
+    /// Whether the descent ended by itself.
+    pub converged: bool,
+    /// How often the model was asked.
+    pub evaluations: usize,
+}
+
+/// The draw of a seed and an index: a descent from the mode. None where its matrices have no factors.
+#[must_use]
+pub fn draw<Q>(target: &Target<'_, Q>, mode: &Mode, seed: u64, index: u64, max_steps: usize) -> Option<Draw<Q>> {
+    let mut generator = generator(seed, Purpose::Posterior, [index, 0]);
+    let prior = deviates(&mut generator, mode.u.len());
+    let errors = deviates(&mut generator, mode.residuals.len());
+    let mut descent = Descent { target, aim: Aim { errors, prior }, evaluations: 0 };
+    let found = descent.at(&mode.u)?;
+    let end = descent.from(mode.u.clone(), found, Some(mode.jacobian.clone()), max_steps)?;
+    let Descent { evaluations, .. } = descent;
+    Some(Draw { u: end.u, seen: end.found.seen, converged: end.converged, evaluations })
+}
+
+fn deviates(generator: &mut Pcg64, n: usize) -> Vec<f64> {
+    (0..n).map(|_| quantile(generator.random::<f64>().max(f64::MIN_POSITIVE))).collect()
+}

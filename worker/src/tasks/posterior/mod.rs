@@ -1,0 +1,120 @@
+//! How sure a twin is: the posterior of its parameters in the one-fibre ventricle, corrected to the twin's beat.
+//!
+//! Samples of pressure and volume are the twin's own, moved by what the one-fibre ventricle says of other parameters; so are
+//! biomarkers, by its ratios. Errors of the data are the noise that the patient's file states and, beyond it, what the
+//! twin's beat misses of the traces: [`likelihood`]. Draws are made by [`cardiotwin_calibrate::posterior`].
+
+mod likelihood;
+mod summary;
+
+use cardiotwin_calibrate::posterior::{Draw, Evaluated, Target, TruncatedNormal, draw, mode};
+use cardiotwin_schemas::biomarkers::Biomarkers;
+use cardiotwin_schemas::outcome::{OrganBeatResult, TaskResult};
+use cardiotwin_schemas::posterior::PosteriorSpec;
+use cardiotwin_schemas::samples::BeatSamples;
+use cardiotwin_schemas::task::OrganBeatSpec;
+use rayon::ThreadPoolBuilder;
+use rayon::prelude::*;
+
+use self::likelihood::Likelihood;
+use super::proposal::axes::{Axis, axes, is_sensitive, named, point};
+use super::proposal::one_fibre;
+use crate::context::Context;
+use crate::error::TaskError;
+use crate::tasks::organ_beat::{reduced, reduced_beat};
+
+/// Shortest time step of the one-fibre ventricle, as in step 3's searches.
+const TIME_STEP_MS: f64 = 2.0;
+/// Steps of the search for the mode.
+const MODE_STEPS: usize = 100;
+/// Steps of the search for a draw.
+const DRAW_STEPS: usize = 60;
+/// Draws between two looks at whether to stop.
+const SLICE: usize = 8;
+/// Draws without which there is no distribution.
+const FEWEST: usize = 20;
+
+/// A beat of the one-fibre ventricle, corrected.
+#[derive(Debug, Clone, PartialEq)]
+struct Seen {
+    biomarkers: Biomarkers,
+    samples: BeatSamples,
+}
+
+/// Samples the posterior.
+///
+/// # Errors
+/// [`TaskError`] when the specification is outside the models, the one-fibre ventricle cannot repeat the twin's beat, or
+/// stopping was asked for.
+pub fn run(spec: &PosteriorSpec, context: &mut Context) -> Result<TaskResult, TaskError> {
+    context.check_stop()?;
+    let axes = axes(&spec.parameters);
+    let prior: Vec<TruncatedNormal> = axes.iter().map(|axis| TruncatedNormal::new(axis.prior, axis.interval)).collect();
+    let (passive, activation) = one_fibre(&spec.beat.organ)?;
+    let beat = OrganBeatSpec { time_step_ms: spec.beat.time_step_ms.max(TIME_STEP_MS), ..spec.beat.clone() };
+    // Refused once and for all: an effect that cannot act, a parameter outside the models.
+    reduced(&beat, &passive, &activation)?;
+    let simulate = |x: &[f64]| -> Option<OrganBeatResult> {
+        let trial = beat.with_parameters(&named(&axes, x));
+        let simulated = is_sensitive(&trial).then(|| reduced_beat(&trial, &passive, &activation));
+        simulated?.ok().flatten().filter(|beat| beat.failed_check().is_none())
+    };
+    let of_twin = point(&axes, &spec.twin.parameters);
+    let cheap = simulate(&of_twin).ok_or(TaskError::NoPosterior)?;
+    let likelihood = Likelihood::of(spec, &cheap);
+    let model = |x: &[f64]| {
+        let beat = simulate(x)?;
+        let (samples, biomarkers) = likelihood.corrected(&beat);
+        let residuals = likelihood.residuals(&samples, &biomarkers);
+        Some(Evaluated { residuals, seen: Seen { biomarkers, samples } })
+    };
+    let target = Target { prior: &prior, model: &model };
+    context.progress.report("posterior", 0.0, None, || "finding its mode".to_owned());
+    let mode = mode(&target, &target.standard(&of_twin), MODE_STEPS).ok_or(TaskError::NoPosterior)?;
+    let pool = ThreadPoolBuilder::new().num_threads(context.threads.max(1) as usize).build();
+    let pool = pool.map_err(TaskError::Threads)?;
+    let (stop, fence) = (context.stop.clone(), context.fence.clone());
+    let stopped = || stop.is_raised() || fence.as_ref().is_some_and(|fence| fence.exists());
+    let n = u64::from(spec.settings.draws);
+    let mut draws: Vec<Draw<Seen>> = Vec::new();
+    for first in (0..n).step_by(SLICE) {
+        context.check_stop()?;
+        let done = draws.len();
+        context.progress.report("posterior", first as f64, Some(n as f64), || format!("{done} of {n} draws"));
+        let indices = first..n.min(first + SLICE as u64);
+        draws.extend(pool.install(|| -> Vec<Draw<Seen>> {
+            let one = |index| if stopped() { None } else { draw(&target, &mode, spec.seed, index, DRAW_STEPS) };
+            indices.into_par_iter().filter_map(one).collect()
+        }));
+    }
+    context.check_stop()?;
+    if draws.len() < FEWEST {
+        return Err(TaskError::NoPosterior);
+    }
+    Ok(TaskResult::Posterior(Box::new(summary::of(&Sampled {
+        spec,
+        axes: &axes,
+        prior: &prior,
+        draws: &draws,
+        asked_for: n,
+        left: mode.left(),
+        deviations: likelihood.deviations,
+        evaluations: (mode.evaluations + draws.iter().map(|draw| draw.evaluations).sum::<usize>()) as u64,
+    }))))
+}
+
+/// Everything that a posterior is told by.
+struct Sampled<'a> {
+    spec: &'a PosteriorSpec,
+    axes: &'a [Axis],
+    prior: &'a [TruncatedNormal],
+    draws: &'a [Draw<Seen>],
+    asked_for: u64,
+    /// What data and prior leave at the mode, over the expected sum of squares.
+    left: f64,
+    deviations: cardiotwin_schemas::posterior::Deviations,
+    evaluations: u64,
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,64 @@
+//! Moved parameters as a search or a sampler sees them, and which cells of theirs an organ can bear.
+
+use std::collections::BTreeMap;
+
+use cardiotwin_calibrate::Interval;
+use cardiotwin_calibrate::space_mapping::Prior;
+use cardiotwin_models::contraction::LAMBDA_CAP;
+use cardiotwin_schemas::organ::cell_default;
+use cardiotwin_schemas::task::{MovedParameter, OrganBeatSpec};
+
+/// A moved parameter: its coordinate is the logarithm of its magnitude.
+#[derive(Debug, Clone)]
+pub(crate) struct Axis {
+    /// Name with unit.
+    pub(crate) name: String,
+    sign: f64,
+    /// Bounds of the coordinate.
+    pub(crate) interval: Interval,
+    /// What is known of the coordinate without data.
+    pub(crate) prior: Prior,
+}
+
+impl Axis {
+    fn new(name: &str, moved: &MovedParameter) -> Self {
+        let [a, b, centre] = [moved.lower, moved.upper, moved.centre].map(|value| value.abs().ln());
+        let interval = Interval::new(a.min(b), a.max(b));
+        Self {
+            name: name.to_owned(),
+            sign: moved.upper.signum(),
+            interval,
+            prior: Prior { centre: interval.clamp(centre), width: moved.log_sd },
+        }
+    }
+
+    /// The parameter's value, in the unit that its name says.
+    pub(crate) fn value(&self, x: f64) -> f64 {
+        self.sign * x.exp()
+    }
+}
+
+/// The axes of moved parameters, by name.
+pub(crate) fn axes(parameters: &BTreeMap<String, MovedParameter>) -> Vec<Axis> {
+    parameters.iter().map(|(name, moved)| Axis::new(name, moved)).collect()
+}
+
+/// Values by name at a point.
+pub(crate) fn named(axes: &[Axis], x: &[f64]) -> BTreeMap<String, f64> {
+    axes.iter().zip(x).map(|(axis, x)| (axis.name.clone(), axis.value(*x))).collect()
+}
+
+/// The point of values; the prior's centre where one lacks.
+pub(crate) fn point(axes: &[Axis], values: &BTreeMap<String, f64>) -> Vec<f64> {
+    axes.iter().map(|axis| values.get(&axis.name).map_or(axis.prior.centre, |v| v.abs().ln())).collect()
+}
+
+/// Whether Ca50 stays above the resting calcium at any stretch that the model knows: another cell stretches the organ's
+/// weakest nodes further than any beat before.
+pub(crate) fn is_sensitive(beat: &OrganBeatSpec) -> bool {
+    let value = |name: &str| {
+        let given = beat.contraction.cell_parameters().and_then(|cell| cell.get(name).copied());
+        given.or_else(|| cell_default(name)).unwrap_or(f64::NAN)
+    };
+    value("Ca50_ref_uM") + value("beta_1_uM") * (LAMBDA_CAP - 1.0) > value("Ca_res_uM")
+}
