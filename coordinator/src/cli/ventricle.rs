@@ -8,6 +8,7 @@ use cardiotwin_schemas::ids::PatientId;
 use cardiotwin_schemas::organ::{BeatCount, ContractionSpec, ValveParameters};
 use cardiotwin_schemas::outcome::{Ending, OrganBeatResult, PassiveStateResult, TaskOutcome, TaskResult};
 use cardiotwin_schemas::plan::ResolvedPatient;
+use cardiotwin_schemas::posterior::PosteriorResult;
 use cardiotwin_schemas::record::PatientRecord;
 use cardiotwin_schemas::settings::CalciumSource;
 use cardiotwin_schemas::task::{OrganBeatSpec, TaskSpec};
@@ -116,6 +117,11 @@ impl Ventricle {
         };
         let text = std::fs::read_to_string(&path).map_err(CliError::file("read", &path))?;
         Ok((&twin.result, text))
+    }
+
+    /// How sure the twin is, where the run sampled that.
+    pub fn posterior(&self) -> Option<&PosteriorResult> {
+        self.record.as_ref().and_then(|record| record.posterior.as_ref()).map(|task| &task.result)
     }
 
     /// What the twin's beat says of it.

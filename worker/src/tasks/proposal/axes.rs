@@ -55,7 +55,7 @@ pub(crate) fn point(axes: &[Axis], values: &BTreeMap<String, f64>) -> Vec<f64> {
 
 /// Whether Ca50 stays above the resting calcium at any stretch that the model knows: another cell stretches the organ's
 /// weakest nodes further than any beat before.
-pub(crate) fn is_sensitive(beat: &OrganBeatSpec) -> bool {
+pub fn is_sensitive(beat: &OrganBeatSpec) -> bool {
     let value = |name: &str| {
         let given = beat.contraction.cell_parameters().and_then(|cell| cell.get(name).copied());
         given.or_else(|| cell_default(name)).unwrap_or(f64::NAN)

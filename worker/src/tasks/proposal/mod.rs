@@ -1,6 +1,6 @@
 //! What to simulate next, by the one-fibre ventricle that stands for the simulated one.
 
-pub(crate) mod axes;
+pub mod axes;
 pub mod step1;
 pub mod step3;
 

@@ -1,5 +1,6 @@
 //! `cardiotwin predict`: what a treatment does to a personalised twin.
 
+mod bands;
 mod change;
 mod indices;
 mod scenarios;
@@ -13,6 +14,7 @@ use cardiotwin_schemas::task::{OrganBeatSpec, TaskSpec};
 use clap::Args;
 use serde::Serialize;
 
+use self::bands::Bands;
 use self::change::{Change, Changed};
 use self::indices::{Traces, indices};
 use crate::cli::error::CliError;
@@ -50,6 +52,9 @@ pub struct PredictArgs {
     /// Simulate the run's finite-element ventricle instead of the one-fibre one of its volumes and pressure
     #[arg(long)]
     in_3d: bool,
+    /// Leave out how sure the prediction is: the change on draws of the twin's posterior
+    #[arg(long)]
+    no_band: bool,
     /// Number of beats instead of as many as the periodic state takes
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     beats: Option<u32>,
@@ -76,6 +81,8 @@ struct Predicted {
     relative_change: Option<f64>,
     /// The twin's with that change.
     predicted: Option<f64>,
+    /// Values below which 5 and 95 % of predictions with draws of the twin's posterior lie; absent without any.
+    band: Option<[f64; 2]>,
     /// In the periodic state of the ventricle that was simulated, unchanged.
     simulated_before: Option<f64>,
     /// The same, changed.
@@ -172,15 +179,29 @@ fn predict(
     let of = |result: &OrganBeatResult, text: &str, beat: &OrganBeatSpec| {
         indices(&result.biomarkers, &Traces::of(text), beat.cycle_length_ms)
     };
-    let indices = side_by_side(
+    let posterior = ventricle.posterior().filter(|_| !args.no_band);
+    let bands = match posterior {
+        Some(posterior) => bands::of(posterior, &before, changes, worker)?,
+        None => Bands::new(),
+    };
+    let mut indices = side_by_side(
         &of(own, &own_traces, &before),
         &of(&result_before, &traces_before, &before),
         &of(&result_after, &traces_after, &after),
     );
+    // As the twin's own beat is to the unchanged one, so is a prediction to a draw's changed one.
+    for index in &mut indices {
+        let band = bands.get(index.name).copied();
+        let scale = index.twin.zip(index.simulated_before).map(|(own, before)| own / before);
+        index.band = band.zip(scale).map(|(band, scale)| band.map(|value| value * scale));
+    }
     let mut remarks: Vec<String> = changes.iter().filter_map(Change::remark).map(str::to_owned).collect();
     let verdict = ventricle.verdict();
     if let Some(verdict) = verdict.filter(|verdict| !verdict.personalised) {
         remarks.push(format!("the twin is not personalised ({verdict}): what it predicts is as far off"));
+    }
+    if let Some(doubt) = posterior.and_then(|posterior| posterior.sampling.doubt()) {
+        remarks.push(format!("take the intervals for a guess: {doubt}"));
     }
     for (word, result) in [("before", &result_before), ("after", &result_after)] {
         if let Some(check) = result.failed_check() {
@@ -241,7 +262,7 @@ fn side_by_side(
         let (own, a, b) = (of(twin, name), of(before, name), of(after, name));
         let relative_change = a.zip(b).map(|(a, b)| (b - a) / a).filter(|change| change.is_finite());
         let predicted = own.zip(relative_change).map(|(own, change)| own * (1.0 + change));
-        Predicted { name, twin: own, relative_change, predicted, simulated_before: a, simulated_after: b }
+        Predicted { name, twin: own, relative_change, predicted, band: None, simulated_before: a, simulated_after: b }
     };
     before.iter().map(|(name, _)| row(name)).collect()
 }
@@ -286,10 +307,11 @@ fn words(changed: &Changed) -> String {
 /// One prediction: changes, indices, remarks, files.
 fn screen(prediction: &Prediction, talk: &Talk) -> String {
     let mut text: String = prediction.changes.iter().map(|changed| words(changed) + "\n").collect();
-    let mut table = Columns::new(talk, &["INDEX", ">TWIN", ">CHANGE", ">PREDICTED"]);
+    let mut table = Columns::new(talk, &["INDEX", ">TWIN", ">CHANGE", ">PREDICTED", ">5 %", ">95 %"]);
     for index in &prediction.indices {
-        let cells =
-            [index.name.to_owned(), optional(index.twin), percent(index.relative_change), optional(index.predicted)];
+        let [low, high] = [0, 1].map(|end| optional(index.band.map(|band| band[end])));
+        let (change, predicted) = (percent(index.relative_change), optional(index.predicted));
+        let cells = [index.name.to_owned(), optional(index.twin), change, predicted, low, high];
         table.row(cells);
     }
     text += "\n";

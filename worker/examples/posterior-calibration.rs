@@ -1,0 +1,166 @@
+//! How often the posterior's 90 % intervals hold the true values of simulated patients.
+//!
+//! `posterior-calibration PATIENTS SPEC…`: each specification of a task `posterior` (`attempts/*/*/spec.json` of a run) lends
+//! its heart, its loads, its noise and its prior. The truth of a patient is a draw of that prior whose beat is a heart's; its
+//! traces get noise as the file states it. The task that a run would do gets them and nothing else. Beats of its draws under
+//! other loads, in their periodic states, are compared with the truth's. Lines go to stdout, a table to stderr at the end.
+
+use std::collections::BTreeMap;
+
+use anyhow::{Context as _, anyhow};
+use cardiotwin_calibrate::Interval;
+use cardiotwin_calibrate::normal::quantile;
+use cardiotwin_calibrate::posterior::{TruncatedNormal, quantile_of};
+use cardiotwin_calibrate::space_mapping::Prior;
+use cardiotwin_schemas::organ::{BeatCount, OrganSpec};
+use cardiotwin_schemas::outcome::{Determination, OrganBeatResult, TaskResult};
+use cardiotwin_schemas::posterior::{PosteriorSpec, TraceNoise, TwinBeat};
+use cardiotwin_schemas::samples::{BeatSamples, N_SAMPLES};
+use cardiotwin_schemas::task::{OrganBeatSpec, TaskSpec};
+use cardiotwin_worker::context::Context;
+use cardiotwin_worker::tasks::organ_beat::reduced_beat;
+use cardiotwin_worker::tasks::posterior;
+use cardiotwin_worker::tasks::proposal::axes::is_sensitive;
+use rand::{Rng, SeedableRng};
+use rand_pcg::Pcg64;
+
+/// Beats that a heart may have: smallest and largest pressure at the peak (mmHg) and ejection fraction.
+const PRESSURE: [f64; 2] = [70.0, 220.0];
+const EJECTION: [f64; 2] = [0.3, 0.8];
+/// Other loads: name, factor of the filling pressure, factor of the peripheral resistance.
+const LOADS: [(&str, f64, f64); 2] = [("preload +20 %", 1.2, 1.0), ("afterload +20 %", 1.0, 1.2)];
+const PERIODIC: BeatCount = BeatCount::Periodic { max: 30, tolerance: 0.1 };
+
+fn main() -> anyhow::Result<()> {
+    let mut arguments = std::env::args().skip(1);
+    let n: usize = arguments.next().context("how many patients?")?.parse()?;
+    let hearts: Vec<PosteriorSpec> = arguments.map(|path| heart(&path)).collect::<anyhow::Result<_>>()?;
+    let threads = std::thread::available_parallelism().map_or(1, |n| n.get() as u32);
+    let mut counts: BTreeMap<String, [usize; 2]> = BTreeMap::new();
+    for patient in 0..n {
+        let heart = hearts.get(patient % hearts.len().max(1)).context("no specification was named")?;
+        let mut generator = Pcg64::seed_from_u64(20_261_125 + patient as u64);
+        let (spec, truth) = simulated(heart, &mut generator)?;
+        let scratch = std::env::temp_dir().join("posterior-calibration");
+        std::fs::create_dir_all(&scratch)?;
+        let answer = posterior::run(&spec, &mut Context::plain(&scratch, threads));
+        let Ok(TaskResult::Posterior(found)) = answer else {
+            println!("{patient}: {answer:?}");
+            counts.entry("without an answer".to_owned()).or_default()[1] += 1;
+            continue;
+        };
+        let mut count = |what: String, held: bool| {
+            let [holds, all] = counts.entry(what).or_default();
+            (*holds, *all) = (*holds + usize::from(held), *all + 1);
+        };
+        for (name, spread) in &found.parameters {
+            let held = (spread.posterior.p5..=spread.posterior.p95).contains(&spec.twin.parameters[name]);
+            count(format!("parameters that are {}", spread.mark.as_str()), held);
+            if spread.mark == Determination::Determined {
+                count(format!("  determined: {name}"), held);
+            }
+        }
+        for (name, value) in truth.biomarkers.of_organ() {
+            if let (Some(value), Some(spread)) = (value, found.biomarkers.get(name)) {
+                count("biomarkers of its beat".to_owned(), (spread.p5..=spread.p95).contains(&value));
+            }
+        }
+        for (load, preload, afterload) in LOADS {
+            let mut beat = OrganBeatSpec { beats: PERIODIC, ..spec.beat.clone() };
+            beat.circulation.left_atrial_pressure_mmhg *= preload;
+            beat.circulation.afterload.peripheral_resistance_mmhg_s_per_ml *= afterload;
+            let of = |parameters: &BTreeMap<String, f64>| one(&beat.with_parameters(parameters));
+            let Some(true_beat) = of(&spec.twin.parameters) else { continue };
+            let draws: Vec<OrganBeatResult> = (0..found.draws.len()).filter_map(|d| of(&found.draw(d))).collect();
+            for (k, (name, value)) in true_beat.biomarkers.of_organ().into_iter().enumerate() {
+                let mut values: Vec<f64> = draws.iter().filter_map(|d| d.biomarkers.of_organ()[k].1).collect();
+                values.sort_by(f64::total_cmp);
+                let Some(value) = value.filter(|_| values.len() > draws.len() / 2) else { continue };
+                let held = (quantile_of(&values, 0.05)..=quantile_of(&values, 0.95)).contains(&value);
+                count(format!("biomarkers under {load}"), held);
+                count(format!("  {load}: {name}"), held);
+            }
+        }
+        println!("{patient}: {:?} {}", found.sampling, summary(&counts));
+    }
+    for (what, [held, all]) in &counts {
+        eprintln!("{what:<45} {held:>5} of {all:>5}  {:>5.1} %", 100.0 * *held as f64 / *all as f64);
+    }
+    Ok(())
+}
+
+fn summary(counts: &BTreeMap<String, [usize; 2]>) -> String {
+    let share = |(what, [held, all]): (&String, &[usize; 2])| format!("{what} {:.3}", *held as f64 / *all as f64);
+    counts.iter().filter(|(what, _)| !what.starts_with(' ')).map(share).collect::<Vec<_>>().join("; ")
+}
+
+fn heart(path: &str) -> anyhow::Result<PosteriorSpec> {
+    let text = std::fs::read_to_string(path).with_context(|| path.to_owned())?;
+    let value: serde_json::Value = serde_json::from_str(&text)?;
+    let task = value.get("task").cloned().unwrap_or(value);
+    match serde_json::from_value(task).with_context(|| path.to_owned())? {
+        TaskSpec::Posterior(spec) => Ok(*spec),
+        other => Err(anyhow!("{path}: a task of kind {}, expected posterior", other.kind())),
+    }
+}
+
+/// A beat of the one-fibre ventricle in steps of 2 ms, as the task's; none where it is not whole.
+fn one(beat: &OrganBeatSpec) -> Option<OrganBeatResult> {
+    let OrganSpec::Reduced { passive, activation } = &beat.organ else { return None };
+    let beat = OrganBeatSpec { time_step_ms: beat.time_step_ms.max(2.0), ..beat.clone() };
+    reduced_beat(&beat, passive, activation).ok().flatten().filter(|beat| beat.failed_check().is_none())
+}
+
+fn normal(generator: &mut Pcg64) -> f64 {
+    quantile(generator.random::<f64>().max(f64::MIN_POSITIVE))
+}
+
+/// A patient of a heart's prior with noisy traces, and the truth's beat.
+fn simulated(heart: &PosteriorSpec, generator: &mut Pcg64) -> anyhow::Result<(PosteriorSpec, OrganBeatResult)> {
+    let axes: Vec<(&String, f64, TruncatedNormal)> = (heart.parameters.iter())
+        .map(|(name, moved)| {
+            let [a, b, centre] = [moved.lower, moved.upper, moved.centre].map(|value| value.abs().ln());
+            let prior = Prior { centre, width: moved.log_sd };
+            (name, moved.upper.signum(), TruncatedNormal::new(prior, Interval::new(a.min(b), a.max(b))))
+        })
+        .collect();
+    for _ in 0..100_000 {
+        let draw = |(name, sign, prior): &(&String, f64, TruncatedNormal), generator: &mut Pcg64| {
+            ((*name).clone(), sign * prior.from_standard(normal(generator)).exp())
+        };
+        let parameters: BTreeMap<String, f64> = axes.iter().map(|axis| draw(axis, generator)).collect();
+        let beat = heart.beat.with_parameters(&parameters);
+        let Some(truth) = one(&beat).filter(|_| is_sensitive(&beat)) else { continue };
+        let (b, whole) = (&truth.biomarkers, truth.biomarkers.of_organ().iter().all(|(_, value)| value.is_some()));
+        let (Some(pressure), Some(sv), Some(edv)) = (b.p_max_mmhg, b.sv_ml, b.edv_ml) else { continue };
+        let within = |value: f64, range: [f64; 2]| (range[0]..=range[1]).contains(&value);
+        if !whole || !within(pressure, PRESSURE) || !within(sv / edv, EJECTION) {
+            continue;
+        }
+        let noise = TraceNoise::of(&heart.noise);
+        let samples = noisy(&truth.samples, &noise, heart.beat.cycle_length_ms, generator);
+        let twin = TwinBeat { parameters, biomarkers: truth.biomarkers, samples: truth.samples.clone() };
+        return Ok((PosteriorSpec { twin, samples, measured: truth.biomarkers, ..heart.clone() }, truth));
+    }
+    Err(anyhow!("no draw of the prior is a heart's"))
+}
+
+/// An Ornstein-Uhlenbeck process on the pressure; on the volume independent noise of each frame, linear in between.
+fn noisy(samples: &BeatSamples, noise: &TraceNoise, cycle_ms: f64, generator: &mut Pcg64) -> BeatSamples {
+    let kept = (-cycle_ms / N_SAMPLES as f64 / noise.pressure_correlation_ms).exp();
+    let mut error = noise.pressure_rms_mmhg * normal(generator);
+    let mut pressure = |p: &f64| {
+        let value = p + error;
+        error = kept * error + (1.0 - kept * kept).sqrt() * noise.pressure_rms_mmhg * normal(generator);
+        value
+    };
+    let pressure_mmhg = samples.pressure_mmhg.iter().map(&mut pressure).collect();
+    let n_frames = noise.volume_frames as usize;
+    let frames: Vec<f64> = (0..n_frames).map(|_| noise.volume_rms_ml * normal(generator)).collect();
+    let volume = |(k, v): (usize, &f64)| {
+        let at = k as f64 * n_frames as f64 / N_SAMPLES as f64;
+        let (i, rest) = (at.floor() as usize, at.fract());
+        v + (1.0 - rest) * frames[i % n_frames] + rest * frames[(i + 1) % n_frames]
+    };
+    BeatSamples { pressure_mmhg, volume_ml: samples.volume_ml.iter().enumerate().map(volume).collect() }
+}
