@@ -6,6 +6,8 @@ const EXPECTED: Expected = Expected {
     muscle_tags: &[tags::LEFT_VENTRICLE],
     fibres: false,
     surfaces: &[surface_names::ENDOCARDIUM, surface_names::EPICARDIUM, surface_names::RIM],
+    right_ventricle: None,
+    sprung: &[],
     surfaces_not_found: None,
     cavity: Some((Ml(120.0), 0.05)),
     wall: None,
