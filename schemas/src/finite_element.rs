@@ -88,7 +88,7 @@ pub struct WallSettings {
     #[serde(rename = "aorta_kappa_kPa")]
     pub aorta_kappa_kpa: f64,
     /// Passive tissue of its own by the mesh's tags.
-    #[serde(skip_serializing_if = "PassiveTissues::is_empty")]
+    #[serde(skip_serializing_if = "PassiveTissues::is_empty", deserialize_with = "crate::muscle::by_tag")]
     pub passive: PassiveTissues,
     /// Density.
     pub density_g_per_mm3: f64,
