@@ -74,12 +74,10 @@ pub fn fields_of_part(
     rule: Longitudinal,
 ) -> Result<Fields, LaplaceError> {
     let muscle = |e: usize| muscle_tags.contains(&mesh.tags[e]);
-    let both_ventricles = mesh.surface(surface_names::RIGHT_VENTRICLE).is_some();
-    let beside = |e: usize| both_ventricles && mesh.tags[e] >= tags::BESIDE;
     let depth = depth_of_part(mesh, joint, muscle_tags)?;
     let mut in_muscle = vec![false; mesh.n_nodes()];
     let mut elsewhere = vec![false; mesh.n_nodes()];
-    for (e, tet) in mesh.tets.iter().enumerate().filter(|(e, _)| !beside(*e)) {
+    for (e, tet) in mesh.tets.iter().enumerate().filter(|(e, _)| !is_beside(mesh, *e)) {
         for node in tet {
             (if muscle(e) { &mut in_muscle } else { &mut elsewhere })[*node as usize] = true;
         }
@@ -108,7 +106,12 @@ pub fn fields_of_part(
     Ok(Fields { depth, longitudinal })
 }
 
-/// The transmural field alone: 0 at the endocardium, 1 at epicardium and septum.
+/// Whether an element is of the right ventricle's wall.
+fn is_beside(mesh: &TetMesh, e: usize) -> bool {
+    mesh.tags[e] >= tags::BESIDE && mesh.surface(surface_names::RIGHT_VENTRICLE).is_some()
+}
+
+/// The transmural field alone: 0 at the endocardium, 1 at epicardium, septum and where the right ventricle's wall begins.
 ///
 /// # Errors
 /// [`LaplaceError`] where one of the surfaces is missing or the solver fails.
@@ -118,6 +121,9 @@ pub fn depth(mesh: &TetMesh, muscle_tags: &[i32]) -> Result<Vec<f64>, LaplaceErr
 
 fn depth_of_part(mesh: &TetMesh, joint: &dyn Joint, muscle_tags: &[i32]) -> Result<Vec<f64>, LaplaceError> {
     let mut fixed = vec![None; mesh.n_nodes()];
+    for (_, tet) in mesh.tets.iter().enumerate().filter(|(e, _)| is_beside(mesh, *e)) {
+        tet.iter().for_each(|node| fixed[*node as usize] = Some(1.0));
+    }
     let walls = [
         (surface_names::EPICARDIUM, 1.0),
         (surface_names::SEPTUM, 1.0),

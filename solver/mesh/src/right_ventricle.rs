@@ -69,3 +69,52 @@ pub fn left_alone<'a>(mesh: &'a TetMesh, muscle: &[i32]) -> Cow<'a, TetMesh> {
     }
     Cow::Owned(left)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::files::{LengthUnit, carp};
+
+    /// Ambit's bi-ventricle with our name of the right endocardium.
+    fn both_ventricles() -> TetMesh {
+        let stem = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/meshes/ambit_biv/ambit_biv");
+        let mut mesh = carp::read(&stem, LengthUnit::Micrometre).unwrap();
+        for surface in mesh.surfaces.iter_mut().filter(|s| s.name == "endo_rv") {
+            surface.name = surface_names::RIGHT_VENTRICLE.to_owned();
+        }
+        mesh
+    }
+
+    #[test]
+    fn a_rim_is_parted_between_its_two_openings() {
+        let mesh = both_ventricles();
+        let Rims { left, right } = rims(&mesh).unwrap().expect("two");
+        assert_eq!(left.len() + right.len(), mesh.surface(surface_names::RIM).unwrap().triangles.len());
+        let nodes = |name: &str| mesh.surface(name).unwrap().nodes();
+        // Each has all triangles at its own opening.
+        for (own, inner) in [(&left, surface_names::ENDOCARDIUM), (&right, surface_names::RIGHT_VENTRICLE)] {
+            let inner = nodes(inner);
+            let rim = &mesh.surface(surface_names::RIM).unwrap().triangles;
+            let at_opening = rim.iter().filter(|t| t.iter().filter(|node| inner.contains(node)).count() == 2);
+            assert!(at_opening.clone().count() > 10 && at_opening.into_iter().all(|t| own.contains(t)));
+        }
+        let alone = TetMesh { surfaces: vec![], ..mesh };
+        assert_eq!(rims(&alone), Ok(None));
+    }
+
+    #[test]
+    fn the_left_ventricle_alone_has_the_right_side_of_the_septum_outside() {
+        let mesh = both_ventricles();
+        let left = left_alone(&mesh, &[1, 3]);
+        let area = |mesh: &TetMesh, name: &str| mesh.surface(name).map_or(0.0, |s| s.area_mm2(&mesh.nodes_mm));
+        let outer = area(&left, surface_names::EPICARDIUM);
+        assert!(outer > 1.1 * area(&mesh, surface_names::ENDOCARDIUM), "{outer} mm²");
+        assert!(outer < area(&mesh, surface_names::EPICARDIUM), "without the right free wall: {outer} mm²");
+        assert!(left.surface(surface_names::RIGHT_VENTRICLE).is_none());
+        let septal = mesh.surface(surface_names::RIGHT_VENTRICLE).unwrap().triangles.iter();
+        let taken = left.surface(surface_names::EPICARDIUM).unwrap();
+        assert!(septal.filter(|t| taken.triangles.contains(t)).count() > 100);
+        let alone = TetMesh { surfaces: vec![], ..mesh.clone() };
+        assert!(matches!(left_alone(&alone, &[1]), Cow::Borrowed(_)));
+    }
+}
