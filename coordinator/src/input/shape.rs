@@ -264,7 +264,7 @@ mod tests {
         let tissue = &value["settings"]["solver"]["finite_element"]["wall"]["passive"]["2"];
         assert_eq!(tissue["mu_kPa"].as_f64(), Some(5.0));
         let (_, found) = passive("two");
-        assert!(found[0].to_string().contains("expected: a whole number"), "{}", found[0]);
+        assert!(found[0].to_string().contains("expected a whole number"), "{}", found[0]);
     }
 
     #[test]
