@@ -111,7 +111,7 @@ fn pressure_in_the_right_ventricle_moves_the_septum_to_the_left_and_takes_volume
     let states = [None, Some(0.4), Some(0.8)].map(|right| inflated(&anatomy, &wall(right)));
     let volumes = states.each_ref().map(|state| 1e-3 * state.volume_mm3());
     let moved = states.each_ref().map(|state| mean_along(&state.u, &nodes, to_the_left));
-    assert!(volumes[1] < volumes[0] - 1.0 && volumes[2] < volumes[1] - 1.0, "{volumes:?}");
+    assert!(volumes[1] < volumes[0] - 0.5 && volumes[2] < volumes[1] - 1.0, "{volumes:?}");
     assert!(moved[1] > moved[0] + 0.2 && moved[2] > moved[1] + 0.2, "{moved:?}");
     // Closed valves pull at their rings: no load has a resultant, and nothing has to hold the heart.
     let state = &states[2];
