@@ -235,6 +235,9 @@ fn both_ventricles() -> TetMesh {
     crate::files::carp::read(&stem, LengthUnit::Micrometre).unwrap()
 }
 
+/// Changes the right endocardium and the epicardium.
+type Change<'a> = dyn Fn(&mut Vec<[u32; 3]>, &mut Vec<[u32; 3]>) + 'a;
+
 const OF_BOTH: Expected = Expected { cavity: None, right_ventricle: Some("endo_rv"), ..EXPECTED };
 
 #[test]
@@ -245,7 +248,7 @@ fn a_right_ventricle_is_closed_or_open_at_the_rim_and_has_its_triangles_to_itsel
     assert!(missing.remedy().contains("anatomy.mesh.right_ventricle.surface"), "{missing}");
     let left = only(&both_ventricles(), &Expected { right_ventricle: Some("endocardium"), ..OF_BOTH });
     assert_eq!(left.name(), "no-right-ventricle");
-    let of = |mesh: &mut TetMesh, change: &dyn Fn(&mut Vec<[u32; 3]>, &mut Vec<[u32; 3]>)| {
+    let of = |mesh: &mut TetMesh, change: &Change<'_>| {
         let [mut right, mut epicardium] =
             ["endo_rv", "epicardium"].map(|name| mesh.surface(name).expect("there").triangles.clone());
         change(&mut right, &mut epicardium);
