@@ -1,5 +1,7 @@
 //! The finite-element ventricle as it passes between processes: settings, what step 0 is asked for, what it made.
 
+use std::collections::BTreeMap;
+
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -86,7 +88,7 @@ pub struct WallSettings {
     #[serde(rename = "aorta_kappa_kPa")]
     pub aorta_kappa_kpa: f64,
     /// Passive tissue of its own by the mesh's tags.
-    #[serde(skip_serializing_if = "PassiveTissues::is_empty")]
+    #[serde(skip_serializing_if = "PassiveTissues::is_empty", deserialize_with = "crate::muscle::by_tag")]
     pub passive: PassiveTissues,
     /// Density.
     pub density_g_per_mm3: f64,
@@ -108,8 +110,23 @@ pub struct WallSettings {
     /// Dashpots beside these springs.
     #[serde(rename = "rim_dashpot_kPa_ms_per_mm")]
     pub rim_dashpot_kpa_ms_per_mm: f64,
+    /// Springs and dashpots of further surfaces of the patient's own mesh, by their names.
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    pub surface: BTreeMap<String, SurfaceSpring>,
     /// Spectral radius of generalised-α: 0 damps the highest frequencies at once.
     pub spectral_radius: f64,
+}
+
+/// Springs and dashpots along the normal of a surface, at rest in end-diastole.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct SurfaceSpring {
+    /// Springs.
+    #[serde(rename = "spring_kPa_per_mm")]
+    pub spring_kpa_per_mm: f64,
+    /// Dashpots beside them.
+    #[serde(rename = "dashpot_kPa_ms_per_mm")]
+    pub dashpot_kpa_ms_per_mm: f64,
 }
 
 impl Default for WallSettings {
@@ -138,6 +155,7 @@ impl Default for WallSettings {
             epicardial_base_share: 0.2,
             rim_spring_kpa_per_mm: 0.05,
             rim_dashpot_kpa_ms_per_mm: 0.0,
+            surface: BTreeMap::new(),
             spectral_radius: 0.0,
         }
     }
@@ -331,6 +349,36 @@ pub struct OwnMesh {
     /// Where activation begins, without such a file.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub activation_sites_mm: Vec<[f64; 3]>,
+    /// Its right ventricle, where that has a pressure.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub right_ventricle: Option<OwnRightVentricle>,
+}
+
+/// The passive right ventricle of a patient's own mesh.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct OwnRightVentricle {
+    /// Surface of its endocardium.
+    pub surface: String,
+    /// Pressure in its cavity.
+    pub pressure: RightPressureSpec,
+}
+
+/// Pressure in the right ventricle.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+pub enum RightPressureSpec {
+    /// The same at all times.
+    Constant {
+        /// Pressure.
+        #[serde(rename = "pressure_mmHg")]
+        pressure_mmhg: f64,
+    },
+    /// A trace over one cycle.
+    Trace {
+        /// Columns `time_ms` and `pressure_mmHg`.
+        file: InputFile,
+    },
 }
 
 /// How the equations of a beat are solved.

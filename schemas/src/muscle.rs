@@ -3,7 +3,8 @@
 use std::collections::BTreeMap;
 
 use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
+use serde::de::Error as _;
+use serde::{Deserialize, Deserializer, Serialize};
 
 /// Passive law of muscle. Step 0 fits one factor of all its moduli and, where it has exponents, one of all exponents.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
@@ -89,3 +90,36 @@ pub struct PassiveTissueSettings {
 
 /// Passive tissue by tag.
 pub type PassiveTissues = BTreeMap<i32, PassiveTissueSettings>;
+
+/// Reads tissues whose tags are texts: what JSON has for keys, and serde keeps within an enum that a field tags.
+pub(crate) fn by_tag<'de, D: Deserializer<'de>>(from: D) -> Result<PassiveTissues, D::Error> {
+    let named = BTreeMap::<String, PassiveTissueSettings>::deserialize(from)?;
+    let tag =
+        |name: &str| name.parse().map_err(|_| D::Error::custom(format!("{name:?} is no tag, expected a whole number")));
+    named.iter().map(|(name, tissue)| Ok((tag(name)?, *tissue))).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::finite_element::WallSettings;
+
+    use super::*;
+
+    #[test]
+    fn tissues_by_tag_come_back_from_within_a_task() {
+        /// As a task is one of several.
+        #[derive(Debug, PartialEq, Serialize, Deserialize)]
+        #[serde(tag = "kind")]
+        enum Task {
+            Wall(WallSettings),
+        }
+        let mut wall = WallSettings::default();
+        wall.passive.insert(-7, PassiveTissueSettings { mu_kpa: 5.0, kappa_kpa: 300.0 });
+        let task = Task::Wall(wall);
+        let text = serde_json::to_string(&task).unwrap();
+        assert!(text.contains(r#""passive":{"-7":{"#), "{text}");
+        assert_eq!(serde_json::from_str::<Task>(&text).unwrap(), task);
+        let error = serde_json::from_str::<Task>(&text.replace("-7", "seven")).unwrap_err().to_string();
+        assert!(error.contains("\"seven\" is no tag"), "{error}");
+    }
+}

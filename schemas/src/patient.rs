@@ -169,6 +169,24 @@ pub struct PatientMesh {
     /// Where activation begins, without such a file: points near the endocardium.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub activation_sites_mm: Vec<[f64; 3]>,
+    /// The passive right ventricle of a mesh of both, with its pressure.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub right_ventricle: Option<PatientRightVentricle>,
+}
+
+/// The right ventricle of the patient's own mesh: passive tissue, as all without a tag of `left_ventricle`, around a cavity whose pressure is given. One of
+/// `pressure_mmHg` and `pressure`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct PatientRightVentricle {
+    /// Surface of its endocardium, the right side of the septum included; closed, or open at the rim.
+    pub surface: String,
+    /// Pressure in its cavity, the same at all times.
+    #[serde(rename = "pressure_mmHg", default, skip_serializing_if = "Option::is_none")]
+    pub pressure_mmhg: Option<f64>,
+    /// Trace of that pressure over one cycle, columns `time_ms` and `pressure_mmHg`; relative to `patient.toml`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub pressure: Option<String>,
 }
 
 /// Size of a tetrahedral mesh.

@@ -39,6 +39,7 @@ fn clinic(folder: &Path, cavity_ml: f64) -> OwnMesh {
         fibres: MeshFibres::Auto,
         activation_times: None,
         activation_sites_mm: made.shape.fascicles().iter().map(|site| site.at_mm).collect(),
+        right_ventricle: None,
     }
 }
 

@@ -190,7 +190,7 @@ fn load_patient(
     patient::check_completeness(&file, &settings.settings, &document, report);
     data::check(&file, folder, &document, &cohort.defaults, report);
     if layers.meshes && settings.settings.solver.fidelity == Fidelity::FiniteElement {
-        mesh::check(&file, folder, settings.settings.solver.start, &document, report);
+        mesh::check(&file, folder, &settings, &document, report);
     }
     let overlay = overlay(id, folder, report);
     let resolved = if report.has_error_of(id) {

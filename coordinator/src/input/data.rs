@@ -30,12 +30,15 @@ pub fn check(file: &PatientFile, folder: &Path, document: &Document, defaults: &
     let pressure = read(&measured.pressure, Quantity::Pressure);
     let volume = read(&measured.volume, Quantity::Volume);
     read(&measured.calcium, Quantity::Calcium);
+    let of_right = file.anatomy.mesh.as_ref().and_then(|mesh| mesh.right_ventricle.as_ref());
+    let right = of_right.and_then(|right| read(&right.pressure, Quantity::Pressure));
     if report.is_broken(&document.file, "cycle_length_ms") {
         return;
     }
+    let cycle_length = Ms(file.cycle_length_ms);
     let problems = checks::check(&Measured {
         patient_file: &document.file,
-        cycle_length: Ms(file.cycle_length_ms),
+        cycle_length,
         pressure: pressure.as_ref().map(|(file, trace)| Source { file, trace }),
         volume: volume.as_ref().map(|(file, trace)| Source { file, trace }),
         end_diastolic_pressure: measured.end_diastolic_pressure_mmhg.map(Mmhg),
@@ -46,6 +49,10 @@ pub fn check(file: &PatientFile, folder: &Path, document: &Document, defaults: &
             .map(|flow| MeasuredVolume { volume: Ml(flow.volume_ml), sd: Ml(flow.sd_ml.unwrap_or(0.0)) }),
     });
     let patient = folder.file_name().and_then(|name| name.to_str());
+    if let Some((file, trace)) = &right {
+        let found = checks::check_right_pressure(Source { file, trace }, cycle_length);
+        found.into_iter().for_each(|problem| report.add(patient, problem));
+    }
     for mut problem in problems {
         if problem.file == document.file
             && let Some(key) = problem.key.clone()

@@ -5,6 +5,7 @@ use std::path::Path;
 use cardiotwin_mesh::checks::{Defect, Severity};
 use cardiotwin_mesh::files::LengthUnit;
 use cardiotwin_mesh::intake::{self, Activation, Asked, Fibres};
+use cardiotwin_mesh::tet_mesh::surface_names;
 use cardiotwin_schemas::finite_element::MeshFibres;
 use cardiotwin_schemas::patient::{PatientFile, PatientMesh};
 use cardiotwin_schemas::settings::StartMode;
@@ -15,14 +16,29 @@ use cardiotwin_signals::{BiomarkerSet, Continuation, Problem, Quantity, Trace, r
 use cardiotwin_units::{Ml, Mmhg, Ms};
 
 use super::document::Document;
-use super::layers::line_of;
+use super::layers::{COMMAND_LINE, Merged, Origin, RERUN, line_of};
 use super::report::Report;
 
-/// Reports every defect of the patient's mesh, if there is one whose files are there.
-pub fn check(file: &PatientFile, folder: &Path, start: StartMode, document: &Document, report: &mut Report) {
-    let Some(mesh) = &file.anatomy.mesh else { return };
+/// Surfaces of a generated mesh.
+const GENERATED: [&str; 4] =
+    [surface_names::ENDOCARDIUM, surface_names::EPICARDIUM, surface_names::RIM, surface_names::SEPTUM];
+
+/// Reports every defect of the patient's mesh, if there is one whose files are there, and springs of surfaces that a generated mesh does
+/// not have.
+pub fn check(file: &PatientFile, folder: &Path, settings: &Merged, document: &Document, report: &mut Report) {
+    let start = settings.settings.solver.start;
+    let surfaces = &settings.settings.solver.finite_element.wall.surface;
+    let Some(mesh) = &file.anatomy.mesh else {
+        for name in surfaces.keys().filter(|name| !GENERATED.contains(&name.as_str())) {
+            let found = "no surface of this name: the patient has no mesh of his own";
+            let expected = format!("one of {}, which the generated mesh has", GENERATED.join(", "));
+            let remedy = "set it in [settings] of the patients whose meshes have the surface";
+            report.add(named(folder), at_setting(settings, document, name, [found, &expected, remedy]));
+        }
+        return;
+    };
     let Some(unit) = LengthUnit::from_symbol(&mesh.unit) else { return }; // told by whoever looks at values
-    let patient = folder.file_name().and_then(|name| name.to_str());
+    let patient = named(folder);
     let path = folder.join(&mesh.file);
     let times = mesh.activation_times_ms.as_ref().map(|name| folder.join(name));
     let activation = match &times {
@@ -35,6 +51,7 @@ pub fn check(file: &PatientFile, folder: &Path, start: StartMode, document: &Doc
         MeshFibres::Mesh => Fibres::Mesh,
         MeshFibres::Rule => Fibres::Rule,
     };
+    let sprung: Vec<&str> = surfaces.keys().map(String::as_str).collect();
     let asked = Asked {
         unit,
         left_ventricle: &mesh.left_ventricle,
@@ -42,6 +59,8 @@ pub fn check(file: &PatientFile, folder: &Path, start: StartMode, document: &Doc
         cavity: imaged_volume(file, folder, start),
         wall: file.anatomy.wall_volume_ml.map(Ml),
         activation,
+        right_ventricle: mesh.right_ventricle.as_ref().map(|right| right.surface.as_str()),
+        sprung: &sprung,
     };
     let told_at = |mut problem: Problem, key: &str| {
         problem.key = Some(key.to_owned());
@@ -51,6 +70,13 @@ pub fn check(file: &PatientFile, folder: &Path, start: StartMode, document: &Doc
     match intake::read(&path, &asked) {
         Ok(intake) => {
             for defect in &intake.defects {
+                if let Defect::NoFurther { name, .. } = defect
+                    && key_of(defect, mesh) == SPRUNG
+                {
+                    let said = [defect.found(), defect.expected(), defect.remedy()];
+                    report.add(patient, at_setting(settings, document, name, said.each_ref().map(String::as_str)));
+                    continue;
+                }
                 report.add(patient, told_at(problem(&document.file, defect), key_of(defect, mesh)));
             }
         }
@@ -66,6 +92,27 @@ pub fn check(file: &PatientFile, folder: &Path, start: StartMode, document: &Doc
             }
         }
     }
+}
+
+/// Table of springs by surface.
+const SPRUNG: &str = "solver.finite_element.wall.surface";
+
+fn named(folder: &Path) -> Option<&str> {
+    folder.file_name().and_then(|name| name.to_str())
+}
+
+/// A problem of a surface's springs, where these were set.
+fn at_setting(settings: &Merged, document: &Document, name: &str, [found, expected, remedy]: [&str; 3]) -> Problem {
+    let key = format!("{SPRUNG}.{name}");
+    let (file, line) = match settings.origin(&key) {
+        Origin::File(file, line) => (file.as_path(), Some(*line)),
+        Origin::Rerun => (Path::new(RERUN), None),
+        Origin::CommandLine | Origin::Default => (Path::new(COMMAND_LINE), None),
+    };
+    let prefix = if *file == document.file { "settings." } else { "" };
+    let mut problem = Problem::error(file, found, expected, remedy).at_key(format!("{prefix}{key}"));
+    problem.line = line;
+    problem
 }
 
 fn with_ending(path: &Path, ending: &str) -> std::path::PathBuf {
@@ -97,6 +144,10 @@ fn key_of(defect: &Defect, mesh: &PatientMesh) -> &'static str {
         Defect::Site { .. } => "anatomy.mesh.activation_sites_mm",
         Defect::Times { .. } if mesh.activation_times_ms.is_some() => "anatomy.mesh.activation_times_ms",
         Defect::Wall { .. } => "anatomy.wall_volume_mL",
+        Defect::NoFurther { key, .. } => key,
+        Defect::NotRight { .. } | Defect::RightOverlap { .. } | Defect::RightHole { .. } => {
+            "anatomy.mesh.right_ventricle.surface"
+        }
         _ => "anatomy.mesh.file",
     }
 }

@@ -3,6 +3,8 @@
 //! Layers, later ones over earlier ones, key by key: built-in defaults, `cohort.toml`, `[settings]` of `patient.toml`,
 //! `--set`, what `rerun` stored for the patient. Each leaf keeps its origin.
 
+#[cfg(test)]
+mod both_ventricles_tests;
 mod cohort;
 mod data;
 mod document;

@@ -4,9 +4,10 @@
 use std::path::Path;
 
 use cardiotwin_schemas::biomarkers::Biomarkers;
-use cardiotwin_schemas::patient::{PatientFile, PatientMesh};
+use cardiotwin_schemas::patient::{PatientFile, PatientMesh, PatientRightVentricle};
 use cardiotwin_schemas::settings::{Settings, StartMode};
 use cardiotwin_signals::Problem;
+use cardiotwin_signals::checks::RIGHT_PRESSURE_MMHG;
 
 use super::document::Document;
 use super::layers::line_of;
@@ -168,6 +169,9 @@ impl Values<'_> {
                 "put the file there or correct its name",
             );
         }
+        if let Some(right) = &mesh.right_ventricle {
+            self.right_ventricle(right);
+        }
         match (&mesh.activation_times_ms, mesh.activation_sites_mm.is_empty()) {
             (Some(name), true) => {
                 if !folder.join(name).is_file() {
@@ -192,6 +196,20 @@ impl Values<'_> {
                 );
             }
         }
+    }
+
+    fn right_ventricle(&mut self, right: &PatientRightVentricle) {
+        let (low, high) = (*RIGHT_PRESSURE_MMHG.start(), *RIGHT_PRESSURE_MMHG.end());
+        self.range("anatomy.mesh.right_ventricle.pressure_mmHg", right.pressure_mmhg, low, high, "mmHg");
+        self.trace_file("anatomy.mesh.right_ventricle.pressure", right.pressure.as_deref());
+        let found = match (right.pressure_mmhg, &right.pressure) {
+            (Some(_), Some(_)) => "a pressure and a trace",
+            (None, None) => "neither a pressure nor a trace",
+            _ => return,
+        };
+        let remedy = "give pressure_mmHg for the same pressure at all times, or pressure = \"rv_pressure.csv\" with the columns \
+                      time_ms,pressure_mmHg over one cycle";
+        self.add("anatomy.mesh.right_ventricle", found, "pressure_mmHg or pressure, one of them", remedy);
     }
 
     fn measured(&mut self, file: &PatientFile) {

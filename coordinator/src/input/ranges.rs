@@ -249,6 +249,11 @@ impl List {
         }
         let duration = wall.epicardial_duration_share;
         self.within(&key("epicardial_duration_share"), duration, 0.5, 2.0);
+        for (name, surface) in &wall.surface {
+            let of = |constant: &str| key(&format!("surface.{name}.{constant}"));
+            self.within(&of("spring_kPa_per_mm"), surface.spring_kpa_per_mm, 0.0, 1e5);
+            self.within(&of("dashpot_kPa_ms_per_mm"), surface.dashpot_kpa_ms_per_mm, 0.0, 1e5);
+        }
         for (tag, tissue) in &wall.passive {
             self.positive(&key(&format!("passive.{tag}.mu_kPa")), tissue.mu_kpa, 1e5);
             self.positive(&key(&format!("passive.{tag}.kappa_kPa")), tissue.kappa_kpa, 1e8);
@@ -425,6 +430,7 @@ impl List {
 
 #[cfg(test)]
 mod tests {
+    use cardiotwin_schemas::finite_element::SurfaceSpring;
     use cardiotwin_schemas::muscle::PassiveTissueSettings;
 
     use super::*;
@@ -459,6 +465,11 @@ mod tests {
         let soft = PassiveTissueSettings { mu_kpa: 0.0, kappa_kpa: 100.0 };
         let passive = keys(|s| _ = s.solver.finite_element.wall.passive.insert(3, soft));
         assert_eq!(passive, wall("passive.3.mu_kPa"));
+        let pulling = SurfaceSpring { spring_kpa_per_mm: -1.0, ..SurfaceSpring::default() };
+        assert_eq!(
+            keys(|s| _ = s.solver.finite_element.wall.surface.insert("lung".to_owned(), pulling)),
+            wall("surface.lung.spring_kPa_per_mm")
+        );
         let newton = keys(|s| s.solver.finite_element.newton.smallest_volume_ratio = 1.0);
         assert_eq!(newton, ["solver.finite_element.newton.smallest_volume_ratio"]);
     }

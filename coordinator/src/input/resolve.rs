@@ -4,11 +4,11 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use cardiotwin_schemas::cohort::PatientDefaults;
-use cardiotwin_schemas::finite_element::OwnMesh;
+use cardiotwin_schemas::finite_element::{OwnMesh, OwnRightVentricle, RightPressureSpec};
 use cardiotwin_schemas::hash::sha256_hex;
 use cardiotwin_schemas::ids::PatientId;
 use cardiotwin_schemas::overlay::ModelOverlay;
-use cardiotwin_schemas::patient::{PatientFile, PatientMesh};
+use cardiotwin_schemas::patient::{PatientFile, PatientMesh, PatientRightVentricle};
 use cardiotwin_schemas::plan::{ResolvedPatient, Workflow};
 use cardiotwin_schemas::settings::Settings;
 use cardiotwin_schemas::task::{InputFile, PassiveStateSpec};
@@ -105,6 +105,19 @@ fn own_mesh(mesh: &PatientMesh, folder: &Path, patient: &str, report: &mut Repor
         None => None,
         Some(name) => Some(hash("activation times", &folder.join(name), patient, report)?),
     };
+    let right_ventricle = match &mesh.right_ventricle {
+        None => None,
+        Some(PatientRightVentricle { surface, pressure_mmhg, pressure }) => {
+            let pressure = match (pressure, pressure_mmhg) {
+                (Some(name), _) => {
+                    let file = hash("right ventricle's pressure", &folder.join(name), patient, report)?;
+                    RightPressureSpec::Trace { file }
+                }
+                (None, pressure_mmhg) => RightPressureSpec::Constant { pressure_mmhg: (*pressure_mmhg)? },
+            };
+            Some(OwnRightVentricle { surface: surface.clone(), pressure })
+        }
+    };
     Some(OwnMesh {
         files,
         unit: mesh.unit.clone(),
@@ -112,6 +125,7 @@ fn own_mesh(mesh: &PatientMesh, folder: &Path, patient: &str, report: &mut Repor
         fibres: mesh.fibres,
         activation_times,
         activation_sites_mm: mesh.activation_sites_mm.clone(),
+        right_ventricle,
     })
 }
 

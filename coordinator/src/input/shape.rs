@@ -18,6 +18,9 @@ pub fn fit(document: &Document, schema: &schemars::Schema, patient: Option<&str>
     walk.node(&document.root, root, "").unwrap_or(Value::Object(Map::new()))
 }
 
+/// How a schema says that keys are whole numbers.
+const WHOLE_NUMBER: &str = r"^-?\d+$";
+
 struct Walk<'a> {
     document: &'a Document,
     root: &'a Value,
@@ -91,10 +94,13 @@ impl<'a> Walk<'a> {
     fn table(&mut self, line: usize, table: &BTreeMap<String, Node>, schema: &'a Value, key: &str) -> Value {
         let properties = schema.get("properties").and_then(Value::as_object);
         let further = schema.get("additionalProperties").filter(|schema| schema.is_object());
+        // Keys that are whole numbers, as the tags of a mesh.
+        let numbered = schema.get("patternProperties").and_then(|patterns| patterns.get(WHOLE_NUMBER));
         let mut out = Map::new();
         for (name, node) in table {
             let inner = join(key, name);
-            if let Some(inner_schema) = properties.and_then(|all| all.get(name)).or(further) {
+            let of_number = numbered.filter(|_| name.parse::<i32>().is_ok());
+            if let Some(inner_schema) = properties.and_then(|all| all.get(name)).or(of_number).or(further) {
                 if let Some(value) = self.node(node, inner_schema, &inner) {
                     out.insert(name.clone(), value);
                 }
@@ -103,7 +109,11 @@ impl<'a> Walk<'a> {
             let known: Vec<&str> = properties.into_iter().flat_map(Map::keys).map(String::as_str).collect();
             let meant = nearest(name, known.iter().copied()).filter(|meant| !table.contains_key(*meant));
             let remedy = meant.map_or("remove the key".to_owned(), |meant| format!("did you mean `{meant}`?"));
-            self.problem(node.line, &inner, "an unknown key".to_owned(), format!("one of {}", quoted(&known)), remedy);
+            let expected = match numbered {
+                Some(_) => "a whole number, such as 3".to_owned(),
+                None => format!("one of {}", quoted(&known)),
+            };
+            self.problem(node.line, &inner, "an unknown key".to_owned(), expected, remedy);
             // The key that was meant is not missing.
             meant.into_iter().for_each(|meant| self.report.break_key(&self.document.file, &join(key, meant)));
         }
@@ -239,6 +249,22 @@ mod tests {
         let (value, problems) = problems("id = 'P'\ncycle_length_ms = 800\n[measured]\npressure = 'p.csv'\n");
         assert_eq!(problems, []);
         assert_eq!(serde_json::from_value::<PatientFile>(value).unwrap().cycle_length_ms, 800.0);
+    }
+
+    #[test]
+    fn keys_that_are_tags_are_whole_numbers() {
+        let passive = |tag: &str| {
+            problems(&format!(
+                "id = 'P'\ncycle_length_ms = 800\n[measured]\n[settings.solver.finite_element.wall.passive.{tag}]\n\
+                 mu_kPa = 5\nkappa_kPa = 300\n"
+            ))
+        };
+        let (value, found) = passive("2");
+        assert_eq!(found, []);
+        let tissue = &value["settings"]["solver"]["finite_element"]["wall"]["passive"]["2"];
+        assert_eq!(tissue["mu_kPa"].as_f64(), Some(5.0));
+        let (_, found) = passive("two");
+        assert!(found[0].to_string().contains("expected a whole number"), "{}", found[0]);
     }
 
     #[test]

@@ -4,8 +4,8 @@ use std::path::Path;
 
 use super::{Cohort, Options, Report, load};
 
-const COHORT: &str = "name = \"c\"\n";
-const PATIENT: &str = "id = \"P1\"\ncycle_length_ms = 700\n\n[measured]\npressure = \"pressure.csv\"\nvolume = \"volume.csv\"\n\
+pub(super) const COHORT: &str = "name = \"c\"\n";
+pub(super) const PATIENT: &str = "id = \"P1\"\ncycle_length_ms = 700\n\n[measured]\npressure = \"pressure.csv\"\nvolume = \"volume.csv\"\n\
                        end_diastolic_pressure_mmHg = 9\n\n[preload]\nleft_atrial_pressure_mmHg = 7\n";
 
 /// A plain beat of 700 ms: pressure every 2 ms, volume every 10 ms.
@@ -28,10 +28,10 @@ fn write_traces(folder: &Path) {
     std::fs::write(folder.join("volume.csv"), volume).unwrap();
 }
 
-struct Folder(tempfile::TempDir);
+pub(super) struct Folder(tempfile::TempDir);
 
 impl Folder {
-    fn new(cohort: &str, patients: &[(&str, &str)]) -> Self {
+    pub(super) fn new(cohort: &str, patients: &[(&str, &str)]) -> Self {
         let folder = tempfile::tempdir().unwrap();
         std::fs::write(folder.path().join("cohort.toml"), cohort).unwrap();
         for (name, text) in patients {
@@ -43,7 +43,11 @@ impl Folder {
         Self(folder)
     }
 
-    fn load(&self, options: &Options) -> (Option<Cohort>, Vec<String>) {
+    pub(super) fn path(&self) -> &Path {
+        self.0.path()
+    }
+
+    pub(super) fn load(&self, options: &Options) -> (Option<Cohort>, Vec<String>) {
         let mut report = Report::default();
         let cohort = load(self.0.path(), options, &mut report);
         let root = format!("{}/", self.0.path().display());
@@ -61,7 +65,7 @@ fn one(cohort: &str, patient: &str) -> Vec<String> {
 }
 
 #[track_caller]
-fn only(said: &[String], parts: &[&str]) {
+pub(super) fn only(said: &[String], parts: &[&str]) {
     assert_eq!(said.len(), 1, "{said:#?}");
     for part in parts {
         assert!(said[0].contains(part), "{part:?} is not in {:?}", said[0]);

@@ -55,6 +55,15 @@ pub struct SurfaceLoad {
     pub pressure_kpa: f64,
 }
 
+/// A cavity at a pressure that somebody else prescribes: of its load nothing is solved for.
+#[derive(Debug, Clone)]
+pub struct GivenCavity {
+    /// Its wall and openings.
+    pub cavity: Cavity,
+    /// Pressure at the end of the step in hand \[kPa\]; set before each step, alike on all ranks.
+    pub pressure_kpa: f64,
+}
+
 /// What moves: everything that stays the same from step to step.
 #[derive(Debug)]
 pub struct Dynamics {
@@ -72,6 +81,8 @@ pub struct Dynamics {
     pub cavity: Option<Cavity>,
     /// Surfaces under prescribed pressures, beside the cavity's. The tangent takes the symmetric part of their load's.
     pub loads: Vec<SurfaceLoad>,
+    /// Further cavities at prescribed pressures.
+    pub given_cavities: Vec<GivenCavity>,
     /// Components that are held at zero, one entry a node; empty for none.
     pub fixed: Vec<[bool; 3]>,
     /// Number in the whole mesh of each element of this rank; empty where it is the same.
@@ -118,8 +129,19 @@ impl Dynamics {
     pub fn new(body: Body, comm: Box<dyn Communicator>, scheme: GeneralisedAlpha) -> Self {
         let mut mass = body.masses();
         comm.update_ghosts(body.layout(), 1, &mut mass);
-        let (supports, loads, fixed, elements) = (vec![], vec![], vec![], vec![]);
-        Self { body, comm, scheme, damping: Rayleigh::NONE, supports, cavity: None, loads, fixed, elements, mass }
+        Self {
+            body,
+            comm,
+            scheme,
+            damping: Rayleigh::NONE,
+            supports: vec![],
+            cavity: None,
+            loads: vec![],
+            given_cavities: vec![],
+            fixed: vec![],
+            elements: vec![],
+            mass,
+        }
     }
 
     /// Vectors of the body.
@@ -201,6 +223,14 @@ impl Dynamics {
         }
     }
 
+    /// Loads of the further cavities, added to `force`. Collective where one of them has a pressure.
+    fn add_given_cavities(&self, u: &[f64], force: &mut [f64]) {
+        for GivenCavity { cavity, pressure_kpa } in self.given_cavities.iter().filter(|given| given.pressure_kpa != 0.0)
+        {
+            cavity.add_forces(self.comm.as_ref(), *pressure_kpa, self.body.reference(), u, force);
+        }
+    }
+
     /// `q`, the derivative of `G` with respect to the pressure, overwriting `out` \[mN/kPa\].
     pub fn pressure_column(&self, candidate: &Candidate, out: &mut Vec<f64>) {
         out.clone_from(&candidate.load);
@@ -269,7 +299,7 @@ impl Dynamics {
         self.hold(r);
     }
 
-    /// `G` at a complete candidate, overwriting `force`.
+    /// `G` at a complete candidate, overwriting `force`. Collective.
     pub fn forces(&self, candidate: &Candidate, force: &mut [f64]) {
         force.fill(0.0);
         let velocity = if self.body.is_viscous() { &candidate.motion.v[..] } else { &[] };
@@ -279,6 +309,7 @@ impl Dynamics {
         for load in &self.loads {
             load.surface.add_forces(load.pressure_kpa, self.body.reference(), &candidate.motion.u, force);
         }
+        self.add_given_cavities(&candidate.motion.u, force);
         add_times(candidate.pressure_kpa, &candidate.load, force);
     }
 
@@ -320,6 +351,12 @@ impl Dynamics {
             let (p, reference) = (load.pressure_kpa, self.body.reference());
             load.surface.add_forces(p, reference, &candidate.motion.u, force);
             load.surface.add_symmetric_tangent((1.0 - alpha_f) * p, reference, &candidate.motion.u, tangent);
+        }
+        self.add_given_cavities(&candidate.motion.u, force);
+        for GivenCavity { cavity, pressure_kpa } in self.given_cavities.iter().filter(|given| given.pressure_kpa != 0.0)
+        {
+            let p = (1.0 - alpha_f) * pressure_kpa;
+            cavity.add_tangent(p, self.body.reference(), &candidate.motion.u, tangent);
         }
         if let Some(cavity) = &self.cavity {
             let (p, reference) = (candidate.pressure_kpa, self.body.reference());

@@ -1,6 +1,7 @@
 //! Whether a mesh can be computed with: every defect at once, each with its places, what was expected and what to do.
 
 mod defect;
+mod further;
 mod surfaces;
 #[cfg(test)]
 mod tests;
@@ -38,6 +39,10 @@ pub struct Expected<'a> {
     pub fibres: bool,
     /// Surfaces that have to be there.
     pub surfaces: &'a [&'a str],
+    /// The right ventricle's endocardium, where it has a pressure.
+    pub right_ventricle: Option<&'a str>,
+    /// Surfaces with springs of their own.
+    pub sprung: &'a [&'a str],
     /// Why surfaces that are missing could not be found on the mesh, where that was tried.
     pub surfaces_not_found: Option<String>,
     /// Measured volume of the cavity and the relative difference that is accepted.
@@ -59,6 +64,7 @@ pub fn check(mesh: &TetMesh, unit: LengthUnit, expected: &Expected) -> Vec<Defec
     tags(mesh, expected, &mut found);
     size(mesh, unit, &mut found);
     surfaces::check(mesh, expected, sound, &mut found);
+    further::check(mesh, expected, &mut found);
     fibres(mesh, expected, &mut found);
     found
 }

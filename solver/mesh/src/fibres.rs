@@ -7,7 +7,7 @@
 use crate::joint::{Alone, Joint, any, sums};
 use crate::laplace::{self, LaplaceError};
 use crate::node_fibres::{NodeFibres, WallPoint};
-use crate::tet_mesh::{Frame, TetMesh, shape_gradients, surface_names};
+use crate::tet_mesh::{Frame, TetMesh, shape_gradients, surface_names, tags};
 use crate::vec3::{Vec3, add, axpy, norm, reject, scale, unit};
 
 /// Angles of the rule, degrees.
@@ -48,14 +48,14 @@ pub enum Longitudinal {
 /// The fields behind the rule.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Fields {
-    /// 0 at the endocardium, 1 at the epicardium (and septum); a value for each node, not-a-number outside of the muscle.
+    /// 0 at the endocardium, 1 at the epicardium (and septum, or its right side); a value for each node, not-a-number outside of the muscle.
     pub depth: Vec<f64>,
     /// Grows from apex to base; arbitrary scale, not-a-number outside of the muscle.
     pub longitudinal: Vec<f64>,
 }
 
-/// Solves for depth and longitudinal field on the elements with the tags of muscle. The base is where muscle meets other
-/// tissue or the rim.
+/// Solves for depth and longitudinal field on the elements with the tags of muscle. The base is where muscle meets the rim or other
+/// tissue, the right ventricle's wall ([`tags::BESIDE`]) apart.
 ///
 /// # Errors
 /// [`LaplaceError`] where a surface is missing or the solver fails.
@@ -77,7 +77,7 @@ pub fn fields_of_part(
     let depth = depth_of_part(mesh, joint, muscle_tags)?;
     let mut in_muscle = vec![false; mesh.n_nodes()];
     let mut elsewhere = vec![false; mesh.n_nodes()];
-    for (e, tet) in mesh.tets.iter().enumerate() {
+    for (e, tet) in mesh.tets.iter().enumerate().filter(|(e, _)| !is_beside(mesh, *e)) {
         for node in tet {
             (if muscle(e) { &mut in_muscle } else { &mut elsewhere })[*node as usize] = true;
         }
@@ -106,7 +106,12 @@ pub fn fields_of_part(
     Ok(Fields { depth, longitudinal })
 }
 
-/// The transmural field alone: 0 at the endocardium, 1 at epicardium and septum.
+/// Whether an element is of the right ventricle's wall.
+fn is_beside(mesh: &TetMesh, e: usize) -> bool {
+    mesh.tags[e] >= tags::BESIDE && mesh.surface(surface_names::RIGHT_VENTRICLE).is_some()
+}
+
+/// The transmural field alone: 0 at the endocardium, 1 at epicardium, septum and where the right ventricle's wall begins.
 ///
 /// # Errors
 /// [`LaplaceError`] where one of the surfaces is missing or the solver fails.
@@ -116,10 +121,19 @@ pub fn depth(mesh: &TetMesh, muscle_tags: &[i32]) -> Result<Vec<f64>, LaplaceErr
 
 fn depth_of_part(mesh: &TetMesh, joint: &dyn Joint, muscle_tags: &[i32]) -> Result<Vec<f64>, LaplaceError> {
     let mut fixed = vec![None; mesh.n_nodes()];
-    let walls = [(surface_names::EPICARDIUM, 1.0), (surface_names::SEPTUM, 1.0), (surface_names::ENDOCARDIUM, 0.0)];
+    for (_, tet) in mesh.tets.iter().enumerate().filter(|(e, _)| is_beside(mesh, *e)) {
+        tet.iter().for_each(|node| fixed[*node as usize] = Some(1.0));
+    }
+    let walls = [
+        (surface_names::EPICARDIUM, 1.0),
+        (surface_names::SEPTUM, 1.0),
+        (surface_names::RIGHT_VENTRICLE, 1.0),
+        (surface_names::ENDOCARDIUM, 0.0),
+    ];
+    let needed = [surface_names::EPICARDIUM, surface_names::ENDOCARDIUM];
     for (name, value) in walls {
         let nodes = mesh.surface(name).map(|surface| surface.nodes()).unwrap_or_default();
-        if !any(joint, !nodes.is_empty()) && name != surface_names::SEPTUM {
+        if !any(joint, !nodes.is_empty()) && needed.contains(&name) {
             return Err(LaplaceError::Floating { field: "transmural field", expected: "endocardium and epicardium" });
         }
         for node in nodes {

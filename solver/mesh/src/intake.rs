@@ -57,6 +57,10 @@ pub struct Asked<'a> {
     pub wall: Option<Ml>,
     /// Activation.
     pub activation: Activation<'a>,
+    /// Surface of the right ventricle's endocardium, where it has a pressure.
+    pub right_ventricle: Option<&'a str>,
+    /// Surfaces with springs of their own.
+    pub sprung: &'a [&'a str],
 }
 
 /// A mesh as it was read, with surfaces, and what is wrong with it.
@@ -153,6 +157,8 @@ pub fn look(mut mesh: TetMesh, asked: &Asked) -> Intake {
         muscle_tags: asked.left_ventricle,
         fibres: asked.fibres == Fibres::Mesh || (asked.fibres == Fibres::Auto && !mesh.frames.is_empty()),
         surfaces: &NEEDED,
+        right_ventricle: asked.right_ventricle,
+        sprung: asked.sprung,
         surfaces_not_found: not_found,
         cavity: asked.cavity.map(|volume| (volume, CAVITY_TOLERANCE)),
         wall: asked.wall.map(|volume| (volume, WALL_TOLERANCE)),

@@ -23,6 +23,7 @@ pub mod partition;
 pub mod quality;
 pub mod refine;
 pub mod repair;
+pub mod right_ventricle;
 pub mod surface;
 #[cfg(test)]
 mod test_meshes;

@@ -11,6 +11,9 @@ pub mod tags {
     pub const LEFT_VENTRICLE: i32 = 1;
     /// Passive tissue at the base: aortic root and its like.
     pub const AORTIC_ROOT: i32 = 2;
+    /// From here on: passive tissue beside the left ventricle that is no part of its base, as the right ventricle's wall. Looked at
+    /// in meshes with [`super::surface_names::RIGHT_VENTRICLE`] alone.
+    pub const BESIDE: i32 = 100_000;
 }
 
 /// Names of surfaces that the rest of the program knows; a mesh may carry others beside them.
@@ -23,6 +26,10 @@ pub mod surface_names {
     pub const RIM: &str = "rim";
     /// The part of the outer wall that faces the right ventricle, where it is told apart.
     pub const SEPTUM: &str = "septum";
+    /// Inner wall of the right ventricle's cavity, the septum's right side included, in a mesh of both ventricles.
+    pub const RIGHT_VENTRICLE: &str = "right-ventricle";
+    /// All of them.
+    pub const KNOWN: [&str; 5] = [ENDOCARDIUM, EPICARDIUM, RIM, SEPTUM, RIGHT_VENTRICLE];
 }
 
 /// Directions of an element's tissue: orthonormal, `normal` = fibre × sheet up to sign.

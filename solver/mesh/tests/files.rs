@@ -218,6 +218,8 @@ proptest! {
         picks in prop::collection::vec((prop::array::uniform4(any::<prop::sample::Index>()), -5..9i32, 0.0..6.3f64), 1..40),
         triangles in prop::collection::vec(prop::array::uniform3(any::<prop::sample::Index>()), 1..20),
     ) {
+        // Whose fibres a file holds is told by their number.
+        prop_assume!(nodes.len() != picks.len());
         let n = nodes.len();
         let mut mesh = TetMesh { nodes_mm: nodes, ..TetMesh::default() };
         for (corners, tag, angle) in picks {
@@ -236,4 +238,50 @@ proptest! {
         let grid = vtu::parse(text.as_bytes(), &stem, LengthUnit::Millimetre).unwrap();
         assert_same(&mesh, &grid.mesh, 0.0);
     }
+}
+
+#[test]
+fn carp_fibres_are_of_nodes_or_of_elements_by_their_number() {
+    let folder = tempfile::tempdir().unwrap();
+    let stem = folder.path().join("heart");
+    let mesh = small();
+    carp::write(&mesh, &stem).unwrap();
+    let of_elements = carp::read(&stem, LengthUnit::Micrometre).unwrap();
+    assert_eq!((of_elements.fibres.n_nodes(), of_elements.frames.len()), (None, mesh.n_tets()));
+    // A fibre that turns with the height.
+    let rows = mesh.nodes_mm.iter().map(|x| (0.05 * x[2]).sin_cos()).map(|(sin, cos)| format!("{cos} {sin} 0\n"));
+    let text = std::iter::once("1\n".to_owned()).chain(rows).collect::<String>();
+    std::fs::write(stem.with_extension("lon"), &text).unwrap();
+    let of_nodes = carp::read(&stem, LengthUnit::Micrometre).unwrap();
+    assert_eq!((of_nodes.fibres.n_nodes(), of_nodes.frames.len()), (Some(mesh.n_nodes()), mesh.n_tets()));
+    for e in 0..mesh.n_tets() {
+        let z = mesh.centroid_mm(e)[2];
+        let along = of_nodes.frames[e].fibre[0] * (0.05 * z).cos() + of_nodes.frames[e].fibre[1] * (0.05 * z).sin();
+        assert!(along.abs() > 0.99, "element {e}: {along}");
+    }
+    let cut = text.lines().take(mesh.n_nodes()).collect::<Vec<_>>().join("\n");
+    std::fs::write(stem.with_extension("lon"), cut).unwrap();
+    let error = carp::read(&stem, LengthUnit::Micrometre).unwrap_err().to_string();
+    assert!(error.contains("one for each element"), "{error}");
+}
+
+#[test]
+fn fibres_of_a_mesh_with_as_many_nodes_as_elements_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let stem = folder.path().join("odd");
+    let (sin, cos) = (0.75_f64.sqrt(), 0.5);
+    // Five nodes and five elements, some of them twice: nothing to compute with, but enough to ask whose fibres there are.
+    let nodes_mm = vec![
+        [0.0, 0.0, 0.0],
+        [0.0, 0.0, 9.0],
+        [9.0, 0.0, 0.0],
+        [-9.0 * cos, 9.0 * sin, 0.0],
+        [-9.0 * cos, -9.0 * sin, 0.0],
+    ];
+    let tets = vec![[0, 2, 3, 1], [0, 3, 4, 1], [0, 4, 2, 1], [0, 2, 3, 1], [0, 3, 4, 1]];
+    let mesh = TetMesh { nodes_mm, tags: vec![1; tets.len()], tets, ..TetMesh::default() };
+    carp::write(&mesh, &stem).unwrap();
+    std::fs::write(stem.with_extension("lon"), "1\n".to_owned() + &"1 0 0\n".repeat(5)).unwrap();
+    let error = carp::read(&stem, LengthUnit::Micrometre).unwrap_err().to_string();
+    assert!(error.contains("as many nodes as elements") && error.contains("VTU"), "{error}");
 }

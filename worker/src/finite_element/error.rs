@@ -60,6 +60,25 @@ pub enum FiniteElementError {
         /// Which.
         law: &'static str,
     },
+    /// Springs for a surface that the mesh does not have.
+    #[error("solver.finite_element.wall.surface.{name}: the mesh has no surface of this name, expected one of {}", found.join(", "))]
+    SprungSurface {
+        /// The name.
+        name: String,
+        /// Surfaces of the mesh.
+        found: Vec<String>,
+    },
+    /// A right ventricle that cannot be loaded together with the left one.
+    #[error(
+        "the right ventricle has {right_mmhg:.2} mmHg at end-diastole, but the left one {left_mmhg:.2}, expected an end-diastolic \
+         pressure above zero: step 0 raises both together"
+    )]
+    RightPressure {
+        /// Of the left ventricle at end-diastole.
+        left_mmhg: f64,
+        /// Of the right one then.
+        right_mmhg: f64,
+    },
     /// A passive law for a tag that no passive tissue of the mesh has.
     #[error(
         "solver.finite_element.wall.passive.{tag}: the mesh has no passive tissue with this tag, expected one of {}",
@@ -89,6 +108,8 @@ impl FiniteElementError {
             | Self::OwnMesh { .. }
             | Self::StiffnessOfAnotherLaw { .. }
             | Self::PassiveTag { .. }
+            | Self::SprungSurface { .. }
+            | Self::RightPressure { .. }
             | Self::PassiveState(PassiveStateError::NoExponents { .. }) => FailureClass::Input,
             // A volume that was not found says nothing of the patient's data.
             Self::PassiveState(PassiveStateError::NoStiffness { at_low_ml, at_high_ml, .. })
@@ -121,6 +142,10 @@ impl FiniteElementError {
                 Some("leave passive.guccione_C_kPa away: step 0 fits the stiffness of any law")
             }
             Self::PassiveTag { .. } => Some("correct the tag, or leave the entry away"),
+            Self::SprungSurface { .. } => Some("correct the name, or leave the entry away"),
+            Self::RightPressure { .. } => {
+                Some("correct measured.end_diastolic_pressure_mmHg, or the pressure of anatomy.mesh.right_ventricle")
+            }
             Self::PassiveState(_) => Some("use another mesh size, or give passive.guccione_C_kPa"),
             Self::OwnMesh { .. } => {
                 Some("mend the mesh or [anatomy.mesh] of patient.toml; `cardiotwin check` tells what is missing")

@@ -117,7 +117,8 @@ impl View {
         let apex = endocardium.into_iter().max_by(|a, b| far(a).total_cmp(&far(b)))?;
         let apex = mesh.nodes_mm[apex as usize];
         let long_axis = unit(sub(base, apex))?;
-        let septum = middle(surface_names::SEPTUM).and_then(|s| unit(reject(sub(s, apex), long_axis)));
+        let septum = middle(surface_names::SEPTUM).or_else(|| middle(surface_names::RIGHT_VENTRICLE));
+        let septum = septum.and_then(|s| unit(reject(sub(s, apex), long_axis)));
         let right = septum.map_or_else(|| any_perpendicular(long_axis), |s| scale(s, -1.0));
         let normal = cross(right, long_axis);
         let point = axpy(apex, BESIDE_THE_AXIS * mesh.mean_edge_mm(), normal);

@@ -6,6 +6,7 @@ pub mod error;
 pub mod heart;
 pub mod motion;
 pub mod passive;
+pub mod right_ventricle;
 pub mod rows;
 pub mod series;
 pub mod shapes;

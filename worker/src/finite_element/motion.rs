@@ -1,7 +1,8 @@
 //! How the ventricle moves in the beat in hand: shapes after each sample of its traces, and measures of them.
 
 use cardiotwin_mechanics::organ::motion::{Landmarks, Phases, Series, volume_ratios};
-use cardiotwin_mesh::TetMesh;
+use cardiotwin_mesh::right_ventricle::left_alone;
+use cardiotwin_mesh::{TetMesh, tags};
 use cardiotwin_models::beat::BeatTraces;
 use cardiotwin_schemas::biomarkers::TimePoints;
 use cardiotwin_schemas::motion::MotionMeasures;
@@ -19,10 +20,10 @@ pub struct Followed {
 }
 
 impl Followed {
-    /// Landmarks of a mesh; none, with a warning, where it has none.
+    /// Landmarks of the left ventricle of a mesh; none, with a warning, where it has none.
     #[must_use]
     pub fn of(mesh: &TetMesh) -> Option<Self> {
-        match Landmarks::of(mesh) {
+        match Landmarks::of(&left_alone(mesh, &[tags::LEFT_VENTRICLE])) {
             Ok(landmarks) => Some(Self { landmarks, tets: mesh.tets.clone() }),
             Err(error) => {
                 tracing::warn!("the ventricle's motion is not measured: {error}");

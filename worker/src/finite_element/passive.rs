@@ -1,12 +1,14 @@
 //! Step 0's search on one rank, on threads, or on the ranks of a team.
 
 use cardiotwin_mechanics::organ::{
-    Anatomy, FoundState, PassiveFit, PassiveJob, PassiveStateError, Piece, Search, UnloadingSettings, parts_of,
+    Anatomy, FoundState, PassiveFit, PassiveJob, PassiveStateError, Piece, RightPressure, Search, UnloadingSettings,
+    WallParameters, parts_of,
 };
 use cardiotwin_mechanics::parallel::ThreadSettings;
 use cardiotwin_schemas::finite_element::WallSettings;
 use serde::{Deserialize, Serialize};
 
+use super::right_ventricle::StoredRightPressure;
 use super::wall;
 use crate::team::{Call, Team};
 
@@ -18,6 +20,8 @@ pub struct PassiveOrder {
     fit: (Fit, Vec<f64>),
     slope: Option<[[f64; 2]; 2]>,
     steepened_by: Option<f64>,
+    /// Pressure of the right ventricle.
+    right_pressure: Option<StoredRightPressure>,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -52,7 +56,8 @@ impl PassiveOrder {
             }
         };
         let wall = wall::with_muscle(settings, job.wall.muscle);
-        Self { wall, fit, slope: job.slope, steepened_by: job.steepened_by }
+        let right_pressure = job.wall.right_pressure.as_ref().map(StoredRightPressure::from);
+        Self { wall, fit, slope: job.slope, steepened_by: job.steepened_by, right_pressure }
     }
 
     fn job(&self) -> PassiveJob {
@@ -69,7 +74,8 @@ impl PassiveOrder {
             Fit::Unloaded => PassiveFit::Unloaded { end_diastolic_pressure_kpa: of(0), unloaded_volume_mm3: of(1) },
         };
         // The law's exponents are the settings' own.
-        let wall = wall::parameters(&self.wall, 1.0, 0.0);
+        let right_pressure = self.right_pressure.as_ref().map(RightPressure::from);
+        let wall = WallParameters { right_pressure, ..wall::parameters(&self.wall, 1.0, 0.0) };
         PassiveJob { wall, target, slope: self.slope, steepened_by: self.steepened_by }
     }
 }

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use cardiotwin_mechanics::fibre_parcel;
-use cardiotwin_mechanics::organ::{Anatomy, EndDiastole, WallParameters};
+use cardiotwin_mechanics::organ::{Anatomy, EndDiastole, RightPressure, WallParameters};
 use cardiotwin_mechanics::parallel::{Opened, Parcel};
 use cardiotwin_mesh::surface::Surface;
 use cardiotwin_mesh::tags;
@@ -13,6 +13,7 @@ use cardiotwin_schemas::task::InputFile;
 use serde::{Deserialize, Serialize};
 
 use super::arrays::{Arrays, ArraysError};
+use super::right_ventricle::StoredRightPressure;
 use super::{FiniteElementError, wall};
 use crate::error::TaskError;
 use crate::inputs::read_verified;
@@ -35,6 +36,18 @@ pub struct About {
     pub end_diastolic_pressure_kpa: f64,
     /// Names of the surfaces.
     pub surfaces: Vec<String>,
+    /// Pressure of the right ventricle, where the mesh has one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub right_pressure: Option<StoredRightPressure>,
+}
+
+impl About {
+    /// The wall, with a further share of the active stress across the fibre.
+    #[must_use]
+    pub fn wall(&self, cross_fibre: f64) -> WallParameters {
+        let right_pressure = self.right_pressure.as_ref().map(RightPressure::from);
+        WallParameters { right_pressure, ..wall::parameters(&self.wall, self.exponent_factor, cross_fibre) }
+    }
 }
 
 /// A ventricle as it lies in its file.
@@ -177,7 +190,7 @@ impl StoredVentricle {
     pub fn restore(&self, cross_fibre: f64) -> Result<Restored, FiniteElementError> {
         let about = &self.about;
         let anatomy = Anatomy::of(&self.mesh, &[tags::LEFT_VENTRICLE], wall::element(about.element))?;
-        let wall = wall::parameters(&about.wall, about.exponent_factor, cross_fibre);
+        let wall = about.wall(cross_fibre);
         let end_diastole = EndDiastole {
             unloaded: self.unloaded.clone(),
             anchor: self.anchor.clone(),

@@ -4,7 +4,7 @@
 use cardiotwin_mechanics::dynamics::Rayleigh;
 use cardiotwin_mechanics::material::{self, ActiveLaw, Guccione, HolzapfelOgden, Law, NeoHookean};
 use cardiotwin_mechanics::newton;
-use cardiotwin_mechanics::organ::{self, PassiveTissue, Spring, WallParameters};
+use cardiotwin_mechanics::organ::{self, PassiveTissue, Spring, SprungSurface, WallParameters};
 use cardiotwin_mechanics::step::StepSettings;
 use cardiotwin_schemas::finite_element::{ElementKind, EquationSettings, LinearSolver, WallSettings};
 use cardiotwin_schemas::muscle::{ActiveConvention, HolzapfelOgdenSettings, MuscleLaw};
@@ -35,6 +35,12 @@ pub fn parameters(wall: &WallSettings, exponent_factor: f64, cross_fibre: f64) -
         rim: Spring { stiffness: wall.rim_spring_kpa_per_mm, damping: wall.rim_dashpot_kpa_ms_per_mm },
         damping: Rayleigh { mass_per_ms: wall.mass_damping_per_ms, stiffness_ms: wall.stiffness_damping_ms },
         spectral_radius: wall.spectral_radius,
+        surfaces: (wall.surface.iter())
+            .map(|(name, of)| SprungSurface {
+                name: name.clone(),
+                spring: Spring { stiffness: of.spring_kpa_per_mm, damping: of.dashpot_kpa_ms_per_mm },
+            })
+            .collect(),
         ..WallParameters::default()
     }
 }
@@ -130,7 +136,7 @@ pub fn steps(equations: &EquationSettings, newton_iterations: u32) -> StepSettin
 
 #[cfg(test)]
 mod tests {
-    use cardiotwin_schemas::finite_element::{FiniteElementSettings, NewtonSettings};
+    use cardiotwin_schemas::finite_element::{FiniteElementSettings, NewtonSettings, SurfaceSpring};
     use cardiotwin_schemas::muscle::PassiveTissueSettings;
 
     use super::*;
@@ -149,6 +155,8 @@ mod tests {
     #[test]
     fn every_setting_of_the_wall_reaches_the_solver() {
         let plain = WallSettings::default();
+        let sprung =
+            |spring_kpa_per_mm, dashpot_kpa_ms_per_mm| SurfaceSpring { spring_kpa_per_mm, dashpot_kpa_ms_per_mm };
         let made = |change: &dyn Fn(&mut WallSettings)| {
             let mut wall = plain.clone();
             change(&mut wall);
@@ -193,6 +201,9 @@ mod tests {
             made(&|wall| wall.epicardial_spring_kpa_per_mm *= 2.0),
             made(&|wall| wall.rim_spring_kpa_per_mm *= 2.0),
             made(&|wall| wall.spectral_radius = 0.5),
+            made(&|wall| _ = wall.surface.insert("lung".to_owned(), sprung(2.0, 0.0))),
+            made(&|wall| _ = wall.surface.insert("lung".to_owned(), sprung(0.0, 2.0))),
+            made(&|wall| _ = wall.surface.insert("liver".to_owned(), sprung(2.0, 0.0))),
         ];
         for (k, one) in all.iter().enumerate() {
             assert!(all[..k].iter().all(|other| other != one), "change {k} is lost, or another's: {one:?}");

@@ -4,9 +4,11 @@ use std::borrow::Cow;
 
 use cardiotwin_mesh::NodeFibres;
 use cardiotwin_mesh::laplace::LaplaceError;
+use cardiotwin_mesh::right_ventricle::{left_alone, rims};
 use cardiotwin_mesh::surface::{Surface, SurfaceDefect, openings};
 use cardiotwin_mesh::tet_mesh::{TetMesh, surface_names};
 
+use super::right_ventricle::RightVentricle;
 use crate::boundary::NOT_HERE;
 use crate::element::batch::Frame;
 use crate::element::kernel::VolumeChange;
@@ -162,6 +164,10 @@ pub struct Anatomy {
     pub septum: Option<Triangles>,
     /// Rim at the base.
     pub rim: Triangles,
+    /// The right ventricle, where the mesh has one.
+    pub right: Option<RightVentricle>,
+    /// Further surfaces of the mesh, by their names.
+    pub further: Vec<(String, Triangles)>,
     /// From apex to base, in the image.
     pub axis: LongAxis,
     /// Loops of nodes around the endocardium's openings; [`NOT_HERE`] for nodes that another rank owns.
@@ -187,7 +193,7 @@ impl Anatomy {
             mesh.surface(name).map(|s| s.triangles.clone()).ok_or(AnatomyError::NoSurface { name })
         };
         let endocardium = triangles(surface_names::ENDOCARDIUM)?;
-        let mut openings = openings(&endocardium)?;
+        let openings = openings(&endocardium)?;
         if openings.is_empty() {
             return Err(AnatomyError::Closed);
         }
@@ -197,21 +203,37 @@ impl Anatomy {
             // Triangles of the mesh: their edges have middles.
             Some(q) => Triangles::Quadratic(triangles.into_iter().filter_map(|t| q.triangle(t)).collect()),
         };
-        if let Some(q) = &quadratic {
-            for nodes in &mut openings {
+        let middled = |mut openings: Vec<Vec<u32>>| {
+            for nodes in openings.iter_mut().filter(|_| quadratic.is_some()) {
+                let middle = |a: u32, b: u32| quadratic.as_ref().and_then(|q| q.middle(a, b));
                 let next = nodes.iter().skip(1).chain(nodes.first()).copied();
-                *nodes = nodes.iter().zip(next).flat_map(|(a, b)| [Some(*a), q.middle(*a, b)]).flatten().collect();
+                *nodes = nodes.iter().zip(next).flat_map(|(a, b)| [Some(*a), middle(*a, b)]).flatten().collect();
             }
-        }
+            openings
+        };
+        let openings = middled(openings);
         let septum = mesh.surface(surface_names::SEPTUM).map(|s| surface(s.triangles.clone()));
         let (epicardium, rim) =
             (surface(triangles(surface_names::EPICARDIUM)?), surface(triangles(surface_names::RIM)?));
+        let right = match rims(mesh)? {
+            None => None,
+            Some(rims) => {
+                let endocardium = triangles(surface_names::RIGHT_VENTRICLE)?;
+                let openings = middled(cardiotwin_mesh::surface::openings(&endocardium)?);
+                let (endocardium, ring, left_ring) = (surface(endocardium), surface(rims.right), surface(rims.left));
+                Some(RightVentricle { endocardium, openings, ring, left_ring })
+            }
+        };
+        let further = (mesh.surfaces.iter())
+            .filter(|s| !surface_names::KNOWN.contains(&s.name.as_str()))
+            .map(|s| (s.name.clone(), surface(s.triangles.clone())))
+            .collect();
         let endocardium = surface(endocardium);
         let (nodes, tets) = match quadratic {
             None => (mesh.nodes_mm.clone(), Tets::Linear(mesh.tets.clone())),
             Some(q) => (q.nodes, Tets::Quadratic(q.tets)),
         };
-        let axis = LongAxis::of(mesh);
+        let axis = LongAxis::of(&left_alone(mesh, contracting));
         let depth = match &mesh.fibres {
             NodeFibres::Rule { walls, .. } => walls.iter().map(|wall| wall.depth).collect(),
             _ => {
@@ -235,6 +257,8 @@ impl Anatomy {
             epicardium,
             septum,
             rim,
+            right,
+            further,
             axis,
             openings,
         })
@@ -272,9 +296,24 @@ impl Anatomy {
             epicardium: surface(&self.epicardium),
             septum: self.septum.as_ref().map(surface),
             rim: surface(&self.rim),
+            right: self.right.as_ref().map(|right| right.mapped(surface, owned)),
+            further: self.further.iter().map(|(name, triangles)| (name.clone(), surface(triangles))).collect(),
             axis: self.axis,
             openings: self.openings.iter().map(|nodes| nodes.iter().map(owned).collect()).collect(),
         })
+    }
+
+    /// The surface of that name in the mesh.
+    #[must_use]
+    pub fn surface(&self, name: &str) -> Option<&Triangles> {
+        match name {
+            surface_names::ENDOCARDIUM => Some(&self.endocardium),
+            surface_names::EPICARDIUM => Some(&self.epicardium),
+            surface_names::RIM => Some(&self.rim),
+            surface_names::SEPTUM => self.septum.as_ref(),
+            surface_names::RIGHT_VENTRICLE => self.right.as_ref().map(|right| &right.endocardium),
+            _ => self.further.iter().find(|(own, _)| own == name).map(|(_, triangles)| triangles),
+        }
     }
 
     /// Fibre frame at the point `x` \[mm\] of element `e` where nodes lie at `positions`: fibres and sheets move with the

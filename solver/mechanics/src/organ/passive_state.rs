@@ -119,6 +119,8 @@ pub struct PassiveState {
     pub passes: usize,
     /// How far from the image the supports are at rest \[mm\]: a rigid motion, by which they hold forces that have a resultant.
     anchor: Vec<f64>,
+    /// Pressure of the right ventricle over that of the left.
+    right_per_left: f64,
     solver: Solver,
 }
 
@@ -142,7 +144,9 @@ impl PassiveState {
         let dynamics = wall.assemble_static(&piece.anatomy, unloaded, &anchor, &piece.part, comm)?;
         let (u, solver) = (vec![0.0; 3 * unloaded.len()], Solver::new());
         let stiffness_kpa = wall.muscle.stiffness_kpa();
-        Ok(Self { dynamics, stiffness_kpa, u, pressure_kpa: 0.0, newton_iterations: 0, passes: 0, anchor, solver })
+        let right_per_left = wall.right_pressure.as_ref().map_or(0.0, |right| right.per_left);
+        let (pressure_kpa, newton_iterations, passes) = (0.0, 0, 0);
+        Ok(Self { dynamics, stiffness_kpa, u, pressure_kpa, newton_iterations, passes, anchor, right_per_left, solver })
     }
 
     /// How far from the image the supports are at rest \[mm\], three numbers a node.
@@ -193,6 +197,9 @@ impl PassiveState {
         let mut candidate = Candidate { motion: Motion { u: guess, ..Motion::default() }, ..Candidate::default() };
         let newton =
             StepSettings { least_pressure_kpa: newton.least_pressure_kpa.min(pressure_kpa.abs()).max(1e-3), ..*newton };
+        for given in &mut self.dynamics.given_cavities {
+            given.pressure_kpa = self.right_per_left * pressure_kpa;
+        }
         let mut closure = Closure::Pressure(pressure_kpa);
         let (_, report) =
             step(&self.dynamics, &now, dt_ms, &mut candidate, &mut Passive, &mut closure, &mut self.solver, &newton)?;

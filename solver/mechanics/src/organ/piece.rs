@@ -4,6 +4,7 @@ use std::borrow::Cow;
 use std::sync::Arc;
 
 use super::anatomy::{Anatomy, LongAxis, Tets, Triangles};
+use super::right_ventricle::RightVentricle;
 use crate::element::kernel::VolumeChange;
 use crate::fibre_parcel;
 use crate::parallel::{Communicator, Opened, Parcel, Part, PartitionError, SingleProcess, owners};
@@ -110,6 +111,18 @@ pub(super) fn pack(anatomy: &Anatomy, to: &mut Parcel) {
     to.numbers(&anatomy.axis.apex_mm).numbers(&anatomy.axis.base_mm);
     to.flags(&[anatomy.septum.is_some()]).indices(&[anatomy.openings.len() as u32]);
     anatomy.openings.iter().for_each(|nodes| _ = to.indices(nodes));
+    to.flags(&[anatomy.right.is_some()]);
+    if let Some(right) = &anatomy.right {
+        for surface in [&right.endocardium, &right.ring, &right.left_ring] {
+            to.indices(triangles(surface).as_flattened());
+        }
+        to.indices(&[right.openings.len() as u32]);
+        right.openings.iter().for_each(|nodes| _ = to.indices(nodes));
+    }
+    to.indices(&[anatomy.further.len() as u32]);
+    for (name, surface) in &anatomy.further {
+        to.indices(&name.bytes().map(u32::from).collect::<Vec<u32>>()).indices(triangles(surface).as_flattened());
+    }
 }
 
 /// Reads what [`pack`] wrote.
@@ -123,15 +136,26 @@ pub(super) fn unpack(from: &mut Opened<'_>) -> Anatomy {
     let tags = from.indices().into_iter().map(u32::cast_signed).collect();
     let (contracts, frames) = (from.flags(), from.numbers().as_chunks::<3>().0.as_chunks::<3>().0.to_vec());
     let (fibres, depth) = (fibre_parcel::unpack(from), from.numbers().to_vec());
-    let mut triangles = || Triangles::Linear(from.indices().as_chunks().0.to_vec());
-    let (endocardium, epicardium, rim, septum) = (triangles(), triangles(), triangles(), triangles());
+    let triangles = |from: &mut Opened<'_>| Triangles::Linear(from.indices().as_chunks().0.to_vec());
+    let [endocardium, epicardium, rim, septum] = std::array::from_fn(|_| triangles(from));
     let mut point = || {
         let x = from.numbers();
         [x[0], x[1], x[2]]
     };
     let axis = LongAxis { apex_mm: point(), base_mm: point() };
     let septum = from.flags()[0].then_some(septum);
-    let openings = (0..from.indices()[0]).map(|_| from.indices()).collect();
+    let openings = |from: &mut Opened<'_>| (0..from.indices()[0]).map(|_| from.indices()).collect();
+    let own_openings = openings(from);
+    let right = from.flags()[0].then(|| {
+        let [endocardium, ring, left_ring] = std::array::from_fn(|_| triangles(from));
+        RightVentricle { endocardium, openings: openings(from), ring, left_ring }
+    });
+    let further = (0..from.indices()[0])
+        .map(|_| {
+            let name: Vec<u8> = from.indices().into_iter().map(|byte| byte as u8).collect();
+            (String::from_utf8_lossy(&name).into_owned(), triangles(from))
+        })
+        .collect();
     Anatomy {
         n_vertices: nodes.len(),
         nodes,
@@ -147,8 +171,10 @@ pub(super) fn unpack(from: &mut Opened<'_>) -> Anatomy {
         epicardium,
         septum,
         rim,
+        right,
+        further,
         axis,
-        openings,
+        openings: own_openings,
     }
 }
 

@@ -11,6 +11,7 @@ use cardiotwin_models::ventricle::{VentricleError, steps_before_the_beat};
 use super::contraction::{NodeAverage, PointContraction, SharedModel};
 use super::end_diastole::EndDiastole;
 use super::kernels::{Bench, Kernel};
+use super::right_ventricle::PressureCourse;
 use super::share::Share;
 use super::wall::{WallError, WallParameters};
 use crate::body::Deformation;
@@ -201,6 +202,8 @@ pub(super) struct OrganRank {
     pub average: NodeAverage,
     pub now: State,
     contraction: PointContraction,
+    /// Pressure in the right ventricle.
+    right: Option<PressureCourse>,
     /// Whether this rank speaks for the element of each point.
     speaks_for: Vec<bool>,
     pub settings: StepSettings,
@@ -229,6 +232,8 @@ impl OrganRank {
         let made = setup.wall.assemble_static(&anatomy, &unloaded, &anchor, &part, comm);
         let mut dynamics = made.map_err(|e: WallError| failed(&e))?;
         setup.wall.support(&anatomy, &mut dynamics, &u).map_err(|e: WallError| failed(&e))?;
+        let right = setup.wall.right_pressure.as_ref().map(|right| right.course.clone());
+        load_right(&mut dynamics, right.as_ref(), 0.0);
         let mut deformation = Deformation::default();
         dynamics.body.deform(&u, dynamics.comm.as_ref(), &mut deformation);
         let mut points = PointContraction::new(
@@ -268,6 +273,7 @@ impl OrganRank {
             average,
             now,
             contraction: points,
+            right,
             speaks_for,
             settings: setup.settings,
             solver: Solver::new(),
@@ -326,6 +332,7 @@ impl OrganRank {
     ) -> Result<(StepReport, f64, f64), StepError> {
         self.trial = None;
         self.contraction.begin_step(end_ms);
+        load_right(&mut self.dynamics, self.right.as_ref(), end_ms);
         let mut candidate = Candidate { pressure_kpa, ..Candidate::default() };
         if self.settings.extrapolate {
             self.dynamics.scheme.predict(dt_ms, &self.now.motion, &mut candidate.motion.u);
@@ -448,6 +455,13 @@ impl OrganRank {
     /// How many numbers a point has of each of the states.
     pub fn widths(&self) -> [usize; 4] {
         self.contraction.states().map(|(width, _)| width)
+    }
+}
+
+/// Gives the right ventricle its pressure at a time.
+fn load_right(dynamics: &mut Dynamics, course: Option<&PressureCourse>, time_ms: f64) {
+    for (given, course) in dynamics.given_cavities.iter_mut().zip(course) {
+        given.pressure_kpa = course.at(time_ms);
     }
 }
 

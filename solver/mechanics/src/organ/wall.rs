@@ -1,11 +1,12 @@
 //! The wall: material, supports and damping, and the body that they make of an anatomy.
 
-use std::sync::Arc;
+use cardiotwin_mesh::tet_mesh::surface_names;
 
 use super::anatomy::{Anatomy, Tets, Triangles};
+use super::right_ventricle::{RightPressure, chamber};
 use crate::body::{Body, BodyError, BodyInput};
-use crate::boundary::{Cavity, Robin, RobinDirection, SurfaceError, ValvePlane};
-use crate::dynamics::{Dynamics, Rayleigh, Support};
+use crate::boundary::{Robin, RobinDirection, SurfaceError, ValvePlane};
+use crate::dynamics::{Dynamics, GivenCavity, Rayleigh, Support};
 use crate::linear::Pattern;
 use crate::material::{ActiveLaw, Guccione, Law, NeoHookean, Tissue, Volumetric, VolumetricLaw};
 use crate::parallel::{Communicator, Part};
@@ -46,6 +47,19 @@ pub struct WallParameters {
     pub spectral_radius: f64,
     /// What holds the pressure on the valves.
     pub valve_plane: ValvePlane,
+    /// Pressure in the right ventricle, where the mesh has one; `None` for none.
+    pub right_pressure: Option<RightPressure>,
+    /// Springs and dashpots of surfaces of the mesh, beside pericardium and rim.
+    pub surfaces: Vec<SprungSurface>,
+}
+
+/// A surface of the mesh on springs along its normal, at rest in end-diastole.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SprungSurface {
+    /// Its name in the mesh.
+    pub name: String,
+    /// Springs and dashpots.
+    pub spring: Spring,
 }
 
 /// Neo-Hookean tissue of one of the mesh's tags, which does not contract.
@@ -77,6 +91,8 @@ impl Default for WallParameters {
             damping: Rayleigh { mass_per_ms: 0.1, stiffness_ms: 0.1 },
             spectral_radius: 0.0,
             valve_plane: ValvePlane::HangsOnRim,
+            right_pressure: None,
+            surfaces: vec![],
         }
     }
 }
@@ -104,6 +120,22 @@ pub enum WallError {
         /// What is wrong with it.
         source: SurfaceError,
     },
+    /// A surface with springs of its own.
+    #[error("surface {name}")]
+    Sprung {
+        /// Which.
+        name: String,
+        /// What is wrong with it.
+        source: SurfaceError,
+    },
+    /// A surface that is not there.
+    #[error("the mesh has no surface {name:?}, expected one for {purpose}")]
+    NoSurface {
+        /// Which.
+        name: String,
+        /// What it is wanted for.
+        purpose: &'static str,
+    },
     /// A parameter out of range.
     #[error("{name} = {value} must be {expected}")]
     Parameter {
@@ -129,7 +161,14 @@ impl WallParameters {
             ("mass damping", self.damping.mass_per_ms, self.damping.mass_per_ms >= 0.0, "zero or more"),
             ("stiffness damping", self.damping.stiffness_ms, self.damping.stiffness_ms >= 0.0, "zero or more"),
         ];
-        match rules.into_iter().find(|(_, value, ok, _)| !(*ok && value.is_finite())) {
+        let of_surfaces = self.surfaces.iter().flat_map(|SprungSurface { spring, .. }| {
+            let Spring { stiffness, damping } = *spring;
+            [
+                ("spring of a surface", stiffness, stiffness >= 0.0, "zero or more"),
+                ("dashpot of a surface", damping, damping >= 0.0, "zero or more"),
+            ]
+        });
+        match rules.into_iter().chain(of_surfaces).find(|(_, value, ok, _)| !(*ok && value.is_finite())) {
             Some((name, value, _, expected)) => Err(WallError::Parameter { name, value, expected }),
             None => Ok(()),
         }
@@ -198,24 +237,39 @@ impl WallParameters {
             Tets::Linear(tets) => Body::linear(&input!(tets), comm.as_ref())?,
             Tets::Quadratic(tets) => Body::quadratic(&input!(tets), comm.as_ref())?,
         };
-        let cavity = self.cavity(anatomy, body.reference(), body.pattern(), comm.as_ref())?;
+        let of_body = (body.reference(), body.pattern().as_ref());
+        let ring = anatomy.right.as_ref().map_or(&anatomy.rim, |right| &right.left_ring);
+        let left = (&anatomy.endocardium, &anatomy.openings[..], ring);
+        let cavity = chamber("endocardium", left, self.valve_plane, of_body, comm.as_ref())?;
+        let right = match (&self.right_pressure, &anatomy.right) {
+            (None, _) => None,
+            (Some(_), Some(right)) => {
+                let surfaces = (&right.endocardium, &right.openings[..], &right.ring);
+                Some(chamber("right ventricle", surfaces, self.valve_plane, of_body, comm.as_ref())?)
+            }
+            (Some(_), None) => {
+                let (name, purpose) = (surface_names::RIGHT_VENTRICLE.to_owned(), "the right ventricle's pressure");
+                return Err(WallError::NoSurface { name, purpose });
+            }
+        };
         let mut dynamics = Dynamics::new(body, comm, self.scheme());
         dynamics.cavity = Some(cavity);
+        dynamics.given_cavities.extend(right.map(|cavity| GivenCavity { cavity, pressure_kpa: 0.0 }));
         dynamics.elements.clone_from(&part.elements);
         let mut rest = displacement(&anatomy.nodes, unloaded);
         rest.iter_mut().zip(anchor).for_each(|(rest, anchor)| *rest += anchor);
         let none = Spring { stiffness: 0.0, damping: 0.0 };
         let hold = Spring { stiffness: self.static_spring, damping: 0.0 };
-        let held = Self { pericardium: none, rim: hold, ..self.clone() };
+        let held = Self { pericardium: none, rim: hold, surfaces: vec![], ..self.clone() };
         dynamics.supports = held.supports(anatomy, &anatomy.nodes, &rest, dynamics.body.pattern())?;
         Ok(dynamics)
     }
 
-    /// Puts the beat's supports and damping on a wall in equilibrium at displacement `u`: springs of epicardium and septum at rest
-    /// there, those of the rim such that they hold what the static ones held.
+    /// Puts the beat's supports and damping on a wall in equilibrium at displacement `u`: springs of all surfaces at rest there,
+    /// those of the rim such that they hold what the static ones held.
     ///
     /// # Errors
-    /// [`WallError::Surface`] for a bad surface.
+    /// [`WallError`] for a bad or missing surface.
     pub fn support(&self, anatomy: &Anatomy, dynamics: &mut Dynamics, u: &[f64]) -> Result<(), WallError> {
         let reference = dynamics.body.reference().iter().zip(u);
         let loaded: Vec<[f64; 3]> = reference.map(|(x, u)| x + u).collect::<Vec<_>>().as_chunks().0.to_vec();
@@ -227,7 +281,7 @@ impl WallParameters {
         Ok(())
     }
 
-    /// Pericardium and rim, on surfaces whose nodes lie at `positions`, at rest at displacement `rest`.
+    /// Pericardium, rim and the surfaces that have springs of their own, whose nodes lie at `positions`, at rest at displacement `rest`.
     fn supports(
         &self,
         anatomy: &Anatomy,
@@ -245,32 +299,21 @@ impl WallParameters {
         let mut supports = vec![];
         for (name, triangles, direction, Spring { stiffness, damping }, share) in surfaces {
             if let (Some(triangles), true) = (triangles, stiffness > 0.0 || damping > 0.0) {
-                let robin = robin(name, triangles, direction, positions.as_flattened(), pattern, share)?;
+                let robin = robin(triangles, direction, positions.as_flattened(), pattern, share)
+                    .map_err(|source| WallError::Surface { name, source })?;
                 supports.push(Support { robin, spring: stiffness, dashpot: damping, rest: rest.to_vec() });
             }
         }
-        Ok(supports)
-    }
-
-    fn cavity(
-        &self,
-        a: &Anatomy,
-        reference: &[f64],
-        pattern: &Arc<Pattern>,
-        comm: &dyn Communicator,
-    ) -> Result<Cavity, WallError> {
-        let openings = a.openings.clone();
-        let hangs = self.valve_plane == ValvePlane::HangsOnRim;
-        match (&a.endocardium, &a.rim) {
-            (Triangles::Linear(wall), Triangles::Linear(rim)) => {
-                Cavity::new(wall, openings, if hangs { rim } else { &[] }, reference, pattern, comm)
-            }
-            (Triangles::Quadratic(wall), Triangles::Quadratic(rim)) => {
-                Cavity::new(wall, openings, if hangs { rim } else { &[] }, reference, pattern, comm)
-            }
-            _ => Err(SurfaceError::Nodes { found: 0 }),
+        let acts = |of: &&SprungSurface| of.spring.stiffness > 0.0 || of.spring.damping > 0.0;
+        for SprungSurface { name, spring: Spring { stiffness, damping } } in self.surfaces.iter().filter(acts) {
+            let Some(triangles) = anatomy.surface(name) else {
+                return Err(WallError::NoSurface { name: name.clone(), purpose: "its springs" });
+            };
+            let robin = robin(triangles, RobinDirection::Normal, positions.as_flattened(), pattern, &even)
+                .map_err(|source| WallError::Sprung { name: name.clone(), source })?;
+            supports.push(Support { robin, spring: *stiffness, dashpot: *damping, rest: rest.to_vec() });
         }
-        .map_err(|source| WallError::Surface { name: "endocardium", source })
+        Ok(supports)
     }
 }
 
@@ -283,16 +326,14 @@ pub(super) fn displacement(to: &[[f64; 3]], from: &[[f64; 3]]) -> Vec<f64> {
 type Supported<'a> = (&'static str, Option<&'a Triangles>, RobinDirection, Spring, &'a dyn Fn([f64; 3]) -> f64);
 
 fn robin(
-    name: &'static str,
     triangles: &Triangles,
     direction: RobinDirection,
     reference: &[f64],
     pattern: &Pattern,
     share: &dyn Fn([f64; 3]) -> f64,
-) -> Result<Robin, WallError> {
+) -> Result<Robin, SurfaceError> {
     match triangles {
         Triangles::Linear(t) => Robin::weighted(t, direction, reference, pattern, share),
         Triangles::Quadratic(t) => Robin::weighted(t, direction, reference, pattern, share),
     }
-    .map_err(|source| WallError::Surface { name, source })
 }

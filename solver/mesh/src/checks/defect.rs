@@ -97,6 +97,10 @@ pub enum Defect {
     Inward { name: String, of: usize, places: Vec<Place> },
     TwoSurfaces { first: String, second: String, places: Vec<Place> },
     Hole { places: Vec<Place> },
+    NoFurther { name: String, key: &'static str, found: Vec<String> },
+    NotRight { name: String },
+    RightOverlap { first: String, second: String, places: Vec<Place> },
+    RightHole { name: String, places: Vec<Place> },
     Closed { volume: Ml, places: Vec<Place> },
     Cavity { found: Ml, measured: Ml, tolerance: f64 },
     Wall { found: Ml, stated: Ml, tolerance: f64 },
@@ -134,6 +138,10 @@ impl Defect {
             Self::Inward { .. } => "inward-surface",
             Self::TwoSurfaces { .. } => "shared-triangles",
             Self::Hole { .. } => "hole",
+            Self::NoFurther { .. } => "no-such-surface",
+            Self::NotRight { .. } => "no-right-ventricle",
+            Self::RightOverlap { .. } => "right-ventricle-overlap",
+            Self::RightHole { .. } => "right-ventricle-hole",
             Self::Closed { .. } => "closed-endocardium",
             Self::Cavity { .. } => "cavity-volume",
             Self::Wall { .. } => "wall-volume",
@@ -173,6 +181,8 @@ impl Defect {
             | Self::Inward { places, .. }
             | Self::TwoSurfaces { places, .. }
             | Self::Hole { places }
+            | Self::RightOverlap { places, .. }
+            | Self::RightHole { places, .. }
             | Self::Closed { places, .. }
             | Self::FibreLength { places, .. }
             | Self::Times { places, .. } => places,
@@ -240,6 +250,15 @@ impl Defect {
             }
             Self::TwoSurfaces { first, second, .. } => format!("{n} triangles in both surfaces {first} and {second}"),
             Self::Hole { .. } => format!("{n} openings of the endocardium that the rim does not border"),
+            Self::NoFurther { name, found, .. } => {
+                let there = if found.is_empty() { "none".to_owned() } else { found.join(", ") };
+                format!("no surface named {name}; surfaces there are: {there}")
+            }
+            Self::NotRight { name } => format!("the surface {name}, which is not the right ventricle's"),
+            Self::RightOverlap { first, second, .. } => {
+                format!("{n} triangles in both surfaces {first} and {second}")
+            }
+            Self::RightHole { name, .. } => format!("{n} openings of surface {name} that the rim does not border"),
             Self::Closed { volume, .. } => format!("a closed endocardium around {volume:.1}"),
             Self::Cavity { found, .. } => format!("a cavity of {found:.1}"),
             Self::Wall { found, .. } => format!("contracting tissue of {found:.1}"),
@@ -297,6 +316,12 @@ impl Defect {
             Self::Inward { .. } => "normals out of the tissue".to_owned(),
             Self::TwoSurfaces { .. } => "each triangle in one surface".to_owned(),
             Self::Hole { .. } => "an opening at the base alone, with the rim around it".to_owned(),
+            Self::NoFurther { .. } => "the name of a surface of the mesh".to_owned(),
+            Self::NotRight { .. } => "the inner wall of the right ventricle".to_owned(),
+            Self::RightOverlap { .. } => "each triangle in one surface".to_owned(),
+            Self::RightHole { .. } => {
+                "a right ventricle that is closed, or open at the base with the rim around the opening".to_owned()
+            }
             Self::Closed { .. } => "an opening at the base, with the rim around it".to_owned(),
             Self::Cavity { measured, tolerance, .. } => {
                 format!("the {measured:.1} that were measured, within {:.0} %", tolerance * 100.0)
@@ -356,6 +381,20 @@ impl Defect {
                 format!("{REPAIR} turns triangles outward; --find-surfaces finds the surfaces anew on this mesh")
             }
             Self::Hole { .. } => format!("{REPAIR} --find-surfaces finds the missing triangles"),
+            Self::NoFurther { key, .. } => {
+                format!("correct the name in {key}, or give the surface: CARP stem.NAME.surf, VTU triangles with a field NAME")
+            }
+            Self::NotRight { .. } => {
+                "name the surface of the right ventricle's endocardium in anatomy.mesh.right_ventricle.surface".to_owned()
+            }
+            Self::RightOverlap { .. } => {
+                "take them out of one of the two: endocardium is the left ventricle's inner wall alone, epicardium the outer wall of \
+                 both, the right side of the septum is the right ventricle's"
+                    .to_owned()
+            }
+            Self::RightHole { .. } => {
+                "add the missing triangles to the surface, or the cut through the wall there to the rim".to_owned()
+            }
             Self::Closed { .. } => {
                 format!(
                     "{REPAIR} --remove-tags TAG takes tagged valve plugs out, --cut-plane x,y,z,nx,ny,nz cuts the base open"

@@ -20,7 +20,9 @@ pub(super) fn check(mesh: &TetMesh, expected: &Expected, sound: bool, found: &mu
     let known = [surface_names::ENDOCARDIUM, surface_names::EPICARDIUM, surface_names::RIM, surface_names::SEPTUM];
     let mut owner: BTreeMap<[u32; 3], &str> = BTreeMap::new();
     // a file may carry other surfaces beside those that are known; they are not looked at
-    let meant = |name: &str| known.contains(&name) || expected.surfaces.contains(&name);
+    let whole = |name: &str| known.contains(&name) || expected.surfaces.contains(&name);
+    let right = |name: &str| expected.right_ventricle == Some(name);
+    let meant = |name: &str| whole(name) || right(name) || expected.sprung.contains(&name);
     for surface in mesh.surfaces.iter().filter(|s| meant(&s.name)) {
         let name = || surface.name.clone();
         let (mut off, mut inward) = (Vec::new(), Vec::new());
@@ -31,6 +33,10 @@ pub(super) fn check(mesh: &TetMesh, expected: &Expected, sound: bool, found: &mu
                 Some(face) if !same_turn(*face, *triangle) => inward.push(at_triangle(mesh, *triangle)),
                 Some(_) => {}
             }
+            // springs may act on a part of another surface
+            if !(whole(&surface.name) || right(&surface.name)) {
+                continue;
+            }
             if let Some(first) = owner.insert(sorted(*triangle), &surface.name) {
                 shared.entry(first).or_default().push(at_triangle(mesh, *triangle));
             }
@@ -38,7 +44,10 @@ pub(super) fn check(mesh: &TetMesh, expected: &Expected, sound: bool, found: &mu
         let of = surface.triangles.len();
         found.extend(shared.into_iter().map(|(first, places)| {
             let first = first.to_owned();
-            Defect::TwoSurfaces { first, second: name(), places }
+            match right(&first) || right(&surface.name) {
+                true => Defect::RightOverlap { first, second: name(), places },
+                false => Defect::TwoSurfaces { first, second: name(), places },
+            }
         }));
         if !off.is_empty() {
             found.push(Defect::OffBoundary { name: name(), of, places: off });
@@ -46,7 +55,7 @@ pub(super) fn check(mesh: &TetMesh, expected: &Expected, sound: bool, found: &mu
         if sound && !inward.is_empty() {
             found.push(Defect::Inward { name: name(), of, places: inward });
         }
-        tangles(mesh, surface, found);
+        tangles(mesh, surface, right(&surface.name), found);
     }
     // Where the endocardium is closed, no rim could border it, and that is told instead.
     let closed = endocardium(mesh, expected, found);
@@ -55,7 +64,9 @@ pub(super) fn check(mesh: &TetMesh, expected: &Expected, sound: bool, found: &mu
 }
 
 /// Every edge and node where a surface is none.
-fn tangles(mesh: &TetMesh, surface: &Surface, found: &mut Vec<Defect>) {
+///
+/// - `right`: whether it is the right ventricle's endocardium
+fn tangles(mesh: &TetMesh, surface: &Surface, right: bool, found: &mut Vec<Defect>) {
     let mut uses: BTreeMap<[u32; 2], (usize, usize)> = BTreeMap::new();
     for (a, b) in surface.triangles.iter().flat_map(|t| edges(*t)) {
         let count = uses.entry([a.min(b), a.max(b)]).or_default();
@@ -77,7 +88,7 @@ fn tangles(mesh: &TetMesh, surface: &Surface, found: &mut Vec<Defect>) {
     }
     let whole = branched.is_empty() && against.is_empty();
     // a rim may touch itself where it is one element wide, and walls where they meet it; the cavity's border may not
-    let wall = surface.name == surface_names::ENDOCARDIUM;
+    let wall = surface.name == surface_names::ENDOCARDIUM || right;
     let pinched: Vec<Place> = match whole && wall {
         true => ends.into_iter().filter(|(_, n)| *n > 2).map(|(node, _)| at_node(mesh, node)).collect(),
         false => Vec::new(),

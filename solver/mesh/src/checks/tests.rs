@@ -6,6 +6,8 @@ const EXPECTED: Expected = Expected {
     muscle_tags: &[tags::LEFT_VENTRICLE],
     fibres: false,
     surfaces: &[surface_names::ENDOCARDIUM, surface_names::EPICARDIUM, surface_names::RIM],
+    right_ventricle: None,
+    sprung: &[],
     surfaces_not_found: None,
     cavity: Some((Ml(120.0), 0.05)),
     wall: None,
@@ -225,4 +227,59 @@ fn sites_outside_of_contracting_tissue_are_told_with_the_nearest_node() {
     let far = [500.0, 0.0, 0.0];
     let found = activation(&mesh, &[tags::LEFT_VENTRICLE], &[inside, far], 3.0);
     assert!(matches!(&found[..], [Defect::Site { site: 1, distance_mm, .. }] if *distance_mm > 400.0), "{found:?}");
+}
+
+/// Ambit's bi-ventricle; see its README for source and licence.
+fn both_ventricles() -> TetMesh {
+    let stem = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/meshes/ambit_biv/ambit_biv");
+    crate::files::carp::read(&stem, LengthUnit::Micrometre).unwrap()
+}
+
+/// Changes the right endocardium and the epicardium.
+type Change<'a> = dyn Fn(&mut Vec<[u32; 3]>, &mut Vec<[u32; 3]>) + 'a;
+
+const OF_BOTH: Expected = Expected { cavity: None, right_ventricle: Some("endo_rv"), ..EXPECTED };
+
+#[test]
+fn a_right_ventricle_is_closed_or_open_at_the_rim_and_has_its_triangles_to_itself() {
+    assert_eq!(told(&both_ventricles(), &OF_BOTH), Vec::<Defect>::new());
+    let missing = only(&both_ventricles(), &Expected { right_ventricle: Some("rv"), ..OF_BOTH });
+    assert!(missing.found().contains("no surface named rv; surfaces there are: endo_rv"), "{missing}");
+    assert!(missing.remedy().contains("anatomy.mesh.right_ventricle.surface"), "{missing}");
+    let left = only(&both_ventricles(), &Expected { right_ventricle: Some("endocardium"), ..OF_BOTH });
+    assert_eq!(left.name(), "no-right-ventricle");
+    let of = |mesh: &mut TetMesh, change: &Change<'_>| {
+        let [mut right, mut epicardium] =
+            ["endo_rv", "epicardium"].map(|name| mesh.surface(name).expect("there").triangles.clone());
+        change(&mut right, &mut epicardium);
+        for (name, triangles) in [("endo_rv", right), ("epicardium", epicardium)] {
+            mesh.surfaces.iter_mut().filter(|s| s.name == name).for_each(|s| s.triangles.clone_from(&triangles));
+        }
+    };
+    let mut mesh = both_ventricles();
+    of(&mut mesh, &|right, epicardium| epicardium.push(right[0]));
+    let overlap = told(&mesh, &OF_BOTH).into_iter().find(|d| d.name() == "right-ventricle-overlap").expect("told");
+    assert_eq!(overlap.places().len(), 1, "{overlap}");
+    // A triangle in the middle of the wall.
+    let rim = both_ventricles().surface(surface_names::RIM).expect("a rim").nodes();
+    let mut mesh = both_ventricles();
+    of(&mut mesh, &|right, _| {
+        let inner = right.iter().position(|t| t.iter().all(|node| !rim.contains(node))).expect("one");
+        right.remove(inner);
+    });
+    let hole = only(&mesh, &OF_BOTH);
+    assert_eq!((hole.name(), hole.places().len()), ("right-ventricle-hole", 1), "{hole}");
+}
+
+#[test]
+fn springs_act_on_surfaces_that_are_there_which_may_be_parts_of_others() {
+    let lacks = only(&heart(), &Expected { sprung: &["lung"], ..EXPECTED });
+    assert!(lacks.found().contains("no surface named lung"), "{lacks}");
+    assert!(lacks.remedy().contains("solver.finite_element.wall.surface"), "{lacks}");
+    let mut mesh = heart();
+    let triangles = mesh.surface(surface_names::EPICARDIUM).expect("there").triangles[..20].to_vec();
+    mesh.surfaces.push(crate::surface::Surface { name: "lung".to_owned(), triangles });
+    assert_eq!(told(&mesh, &Expected { sprung: &["lung"], ..EXPECTED }), Vec::<Defect>::new());
+    mesh.surfaces.last_mut().expect("it").triangles[0].swap(0, 1);
+    assert!(names(&mesh, &Expected { sprung: &["lung"], ..EXPECTED }).contains(&"inward-surface"));
 }

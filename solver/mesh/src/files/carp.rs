@@ -1,10 +1,12 @@
 //! CARP text files: `.pts` (µm), `.elem`, `.lon`, `.surf`, `.vtx`.
 //!
-//! A mesh is a stem: `heart.pts`, `heart.elem`, `heart.lon` where there are fibres, `heart.NAME.surf` for each surface.
+//! A mesh is a stem: `heart.pts`, `heart.elem`, `heart.lon` where there are fibres, of elements or of nodes by the number of its
+//! rows, `heart.NAME.surf` for each surface.
 
 use super::error::{MeshFileError, read_text, write_bytes};
 use super::text::{Line, Lines};
 use super::unit::LengthUnit;
+use crate::node_fibres::NodeFibres;
 use crate::surface::Surface;
 use crate::tet_mesh::{Frame, TetMesh};
 use crate::vec3::{Vec3, any_perpendicular, cross, dot, reject, unit};
@@ -32,13 +34,43 @@ pub fn read(stem: &Path, unit: LengthUnit) -> Result<TetMesh, MeshFileError> {
     let elem = with(stem, "elem");
     let (tets, tags) = parse_elem(&read_text(&elem)?, &elem, nodes_mm.len())?;
     let lon = with(stem, "lon");
-    let frames = if lon.exists() { parse_lon(&read_text(&lon)?, &lon, tets.len())? } else { Vec::new() };
+    let mut directions = Directions::default();
+    if lon.exists() {
+        directions = directions_of(&read_text(&lon)?, &lon, &tets, nodes_mm.len())?;
+    }
+    let Directions { frames, fibres } = directions;
     let mut surfaces = Vec::new();
     for (name, file) in surface_files(stem)? {
         let triangles = parse_surf(&read_text(&file)?, &file, nodes_mm.len())?;
         surfaces.push(Surface { name, triangles });
     }
-    Ok(TetMesh { nodes_mm, tets, tags, frames, surfaces, ..TetMesh::default() })
+    Ok(TetMesh { nodes_mm, tets, tags, frames, fibres, surfaces })
+}
+
+/// Tissue directions of a `.lon` file.
+#[derive(Debug, Default)]
+struct Directions {
+    /// Of the elements; at their centroids where the file has those of nodes.
+    frames: Vec<Frame>,
+    fibres: NodeFibres,
+}
+
+/// Reads directions of elements or of nodes: how many rows there are tells which.
+fn directions_of(text: &str, file: &Path, tets: &[[u32; 4]], n_nodes: usize) -> Result<Directions, MeshFileError> {
+    let n_rows = text.lines().filter(|line| !line.trim().is_empty()).count().saturating_sub(1);
+    if n_rows != n_nodes {
+        return Ok(Directions { frames: parse_lon(text, file, tets.len())?, fibres: NodeFibres::PerElement });
+    }
+    if n_rows == tets.len() {
+        let found = format!("{n_rows} fibres for a mesh of as many nodes as elements");
+        let expected = "a file that tells fibres of elements from fibres of nodes: write the mesh as VTU, with `fibre` as \
+                        cell data or as point data";
+        return Err(MeshFileError::content(file, found, expected));
+    }
+    let fibres = NodeFibres::Frames(parse_rows(text, file, n_nodes, "node")?);
+    let none = Frame { fibre: [0.0; 3], sheet: [0.0; 3], normal: [0.0; 3] };
+    let frames = tets.iter().map(|tet| fibres.frame(tet, &[0.25; 4]).unwrap_or(none)).collect();
+    Ok(Directions { frames, fibres })
 }
 
 /// `stem.NAME.surf` beside the stem, by name.
@@ -111,17 +143,21 @@ pub fn parse_elem(text: &str, file: &Path, n_nodes: usize) -> Result<(Vec<[u32; 
 /// # Errors
 /// [`MeshFileError`] with file and line.
 pub fn parse_lon(text: &str, file: &Path, n_tets: usize) -> Result<Vec<Frame>, MeshFileError> {
+    parse_rows(text, file, n_tets, "element")
+}
+
+fn parse_rows(text: &str, file: &Path, count: usize, of: &str) -> Result<Vec<Frame>, MeshFileError> {
     let mut lines = Lines::new(text, file);
-    let expected = "1 (a fibre for each element) or 2 (fibre and sheet)";
-    let header = lines.expect(expected)?;
-    let per_element = header.count(expected)?;
-    if !(1..=2).contains(&per_element) {
+    let expected = format!("1 (a fibre for each {of}) or 2 (fibre and sheet)");
+    let header = lines.expect(&expected)?;
+    let per_row = header.count(&expected)?;
+    if !(1..=2).contains(&per_row) {
         return Err(header.error(expected));
     }
-    let rows = counted(&mut lines, n_tets, "fibres, one for each element")?;
+    let rows = counted(&mut lines, count, &format!("fibres, one for each {of}"))?;
     rows.iter()
         .map(|row| {
-            let values: [f64; 6] = if per_element == 2 {
+            let values: [f64; 6] = if per_row == 2 {
                 row.floats("six numbers, fibre and sheet")?
             } else {
                 let [x, y, z] = row.floats("three numbers, a fibre")?;
@@ -129,7 +165,7 @@ pub fn parse_lon(text: &str, file: &Path, n_tets: usize) -> Result<Vec<Frame>, M
             };
             let fibre = [values[0], values[1], values[2]];
             let sheet = [values[3], values[4], values[5]];
-            frame(fibre, (per_element == 2).then_some(sheet)).ok_or_else(|| {
+            frame(fibre, (per_row == 2).then_some(sheet)).ok_or_else(|| {
                 row.error("a sheet that is perpendicular to the fibre, or zeros for both where there is no fibre")
             })
         })

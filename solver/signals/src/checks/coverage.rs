@@ -45,6 +45,11 @@ pub(super) fn check(measured: &Measured, problems: &mut Vec<Problem>) -> bool {
     problems.iter().filter(|p| p.is_error()).count() == n_before
 }
 
+/// Whether a pressure trace other than the left ventricle's covers the cycle.
+pub(super) fn of_pressure(source: Source, cycle_length: f64, problems: &mut Vec<Problem>) {
+    cover(source, PRESSURE_SAMPLES, cycle_length, problems);
+}
+
 struct Cover {
     /// Time covered: from the first sample to one step after the last, or to the last if that closes the cycle, ms.
     length_ms: f64,

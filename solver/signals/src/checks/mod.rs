@@ -68,6 +68,29 @@ pub fn check(measured: &Measured) -> Vec<Problem> {
     problems
 }
 
+/// Pressures that a right ventricle can have, mmHg.
+pub const RIGHT_PRESSURE_MMHG: std::ops::RangeInclusive<f64> = -10.0..=150.0;
+
+/// All problems of a right ventricle's pressure trace, errors first.
+#[must_use]
+pub fn check_right_pressure(source: Source, cycle_length: Ms) -> Vec<Problem> {
+    let mut problems = Vec::new();
+    coverage::of_pressure(source, cycle_length.0, &mut problems);
+    let (most, least) = extremes(source.trace);
+    if !(RIGHT_PRESSURE_MMHG.contains(&most) && RIGHT_PRESSURE_MMHG.contains(&least)) {
+        let (low, high) = (RIGHT_PRESSURE_MMHG.start(), RIGHT_PRESSURE_MMHG.end());
+        let problem = Problem::error(
+            source.file,
+            format!("pressures of {least:.1} to {most:.1} mmHg"),
+            format!("{low} to {high} mmHg in a right ventricle"),
+            "is it in mmHg, and the right ventricle's? correct or convert the values",
+        );
+        problems.push(problem.at_key("pressure_mmHg"));
+    }
+    problems.sort_by_key(|p| p.severity);
+    problems
+}
+
 /// Largest and smallest value.
 fn extremes(trace: &Trace) -> (f64, f64) {
     let values = trace.values().iter().copied();

@@ -304,7 +304,7 @@ pub(super) fn serve(
     team: &Team,
 ) -> Result<(), TaskError> {
     let parts = effected(spec, organ, about)?;
-    let wall = wall::parameters(&about.wall, about.exponent_factor, parts.cross_fibre_share);
+    let wall = about.wall(parts.cross_fibre_share);
     let own = RankParts {
         wall: &wall,
         contraction: parts.contraction,

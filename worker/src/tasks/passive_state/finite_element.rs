@@ -2,13 +2,14 @@
 //!
 //! Artefact: `ventricle.bin` (`ventricle`), see [`crate::finite_element::stored`].
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::ops::ControlFlow;
 use std::sync::OnceLock;
 use std::time::Instant;
 
 use cardiotwin_mechanics::organ::{
-    Anatomy, FoundState, PassiveFit, PassiveJob, PassiveStateError, Search, SearchProgress, UnloadingSettings,
+    Anatomy, FoundState, PassiveFit, PassiveJob, PassiveStateError, RightPressure, Search, SearchProgress,
+    UnloadingSettings,
 };
 use cardiotwin_mechanics::tissue::TissueJob;
 use cardiotwin_mesh::eikonal::{Conduction, Speeds};
@@ -17,7 +18,7 @@ use cardiotwin_mesh::fibres::{Angles, frames_at_centroids};
 use cardiotwin_mesh::order::Renumbering;
 use cardiotwin_mesh::quality::Quality;
 use cardiotwin_mesh::tags;
-use cardiotwin_mesh::tet_mesh::TetMesh;
+use cardiotwin_mesh::tet_mesh::{TetMesh, surface_names};
 use cardiotwin_models::effects::{EffectSetting, InThreeDimensions};
 use cardiotwin_models::ventricle::passive_state::klotz_unloaded_volume;
 use cardiotwin_schemas::finite_element::{AnatomySpec, FiniteElementOrgan, VentricleFigures, WallSettings};
@@ -33,6 +34,7 @@ use super::{EndDiastole, Measurements, onset_ms, passive_tags};
 use crate::context::Context;
 use crate::error::TaskError;
 use crate::finite_element::passive::{Workers, found};
+use crate::finite_element::right_ventricle::{self, StoredRightPressure};
 use crate::finite_element::stored::About;
 use crate::finite_element::{FiniteElementError, StoredVentricle, tissue, wall};
 
@@ -138,13 +140,15 @@ fn mesh(
         None => {
             let made = generate(&EllipsoidSpec::new(Ml(image_ml), Ml(wall_ml), n_nodes as usize))?;
             let mesh = Renumbering::reverse_cuthill_mckee(&made.mesh).apply(&made.mesh);
-            Taken { mesh, times_ms: None, sites: made.shape.fascicles().to_vec(), cavity_ml: image_ml }
+            let sites = made.shape.fascicles().to_vec();
+            Taken { mesh, times_ms: None, sites, cavity_ml: image_ml, beside: BTreeSet::new(), right_cavity_ml: None }
         }
     };
     let meshed = begun.elapsed().as_secs_f64();
     let muscle = vec![tags::LEFT_VENTRICLE];
     let passive = mesh.tags.iter().copied().filter(|tag| !muscle.contains(tag));
     passive_tags::check(&anatomy.wall.passive, passive)?;
+    sprung_surfaces(&anatomy.wall, &mesh)?;
     let f = &anatomy.fibres;
     let fibres = mesh.frames.is_empty().then_some(Angles {
         alpha_endo_deg: f.alpha_endo_deg,
@@ -173,6 +177,25 @@ fn mesh(
         *sum += own;
     }
     Ok((mesh, times))
+}
+
+/// All surfaces with springs of their own are there.
+fn sprung_surfaces(wall: &WallSettings, mesh: &TetMesh) -> Result<(), FiniteElementError> {
+    match wall.surface.keys().find(|name| mesh.surface(name).is_none()) {
+        Some(name) => {
+            let found = mesh.surfaces.iter().map(|surface| surface.name.clone()).collect();
+            Err(FiniteElementError::SprungSurface { name: name.clone(), found })
+        }
+        None => Ok(()),
+    }
+}
+
+/// What a generated mesh is made of on which the law of a patient's own is searched for: nothing that is of that mesh alone.
+fn of_a_stand_in(spec: &AnatomySpec) -> AnatomySpec {
+    let mut plain = spec.clone();
+    plain.wall.passive.clear();
+    plain.wall.surface.clear();
+    plain
 }
 
 /// Times from the earliest on; nodes without one are never activated.
@@ -235,12 +258,14 @@ struct Built {
 }
 
 /// Mesh, fibres, activation and passive state for a target. A large mesh's law is searched for on a small one first.
+///
+/// - `right`: pressure of the right ventricle of the patient's own mesh
 fn build(
     spec: &AnatomySpec,
     wall_ml: f64,
     of_effects: f64,
     target: &Target,
-    (given, mut own): (bool, Option<Taken>),
+    (given, mut own, right): (bool, Option<Taken>, Option<RightPressure>),
     context: &mut Context,
 ) -> Result<Built, TaskError> {
     let goal = target.fit(given);
@@ -264,9 +289,12 @@ fn build(
     for n_nodes in sizes {
         context.check_stop()?;
         context.progress.report("mesh", 0.0, None, || format!("about {n_nodes} nodes"));
+        let stand_in = (own.is_some() && n_nodes < last).then(|| of_a_stand_in(spec));
         let taken = if n_nodes == last { own.take() } else { None };
         let workers = Workers::of(context.team.as_ref(), context.threads);
-        let (mesh, times) = mesh(spec, taken, n_nodes, (target.image_ml, wall_ml), workers, &mut seconds)?;
+        let volumes = (target.image_ml, wall_ml);
+        let made_of = stand_in.as_ref().unwrap_or(spec);
+        let (mesh, times) = mesh(made_of, taken, n_nodes, volumes, workers, &mut seconds)?;
         let anatomy = Anatomy::of(&mesh, &[tags::LEFT_VENTRICLE], wall::element(spec.element))
             .map_err(FiniteElementError::from)?;
         let degrees_of_freedom = 3 * anatomy.nodes.len();
@@ -274,8 +302,8 @@ fn build(
             format!("{} nodes, {} tetrahedra, {degrees_of_freedom} degrees of freedom", mesh.n_nodes(), mesh.n_tets())
         });
         if n_nodes < last {
-            match searched(&anatomy, &job, &spec.wall, context) {
-                Ok(found) => (job.wall, job.slope) = (found.wall, found.slope),
+            match searched(&anatomy, &job, &made_of.wall, context) {
+                Ok(found) => (job.wall.muscle, job.slope) = (found.wall.muscle, found.slope),
                 Err(TaskError::Cancelled) => return Err(TaskError::Cancelled),
                 // Where the small one has no law, the large one says so.
                 Err(_) => {}
@@ -284,6 +312,7 @@ fn build(
         }
         // The law is fitted to what was measured; the patient's effects then steepen it around the same end-diastole, as in the
         // reduced ventricle.
+        job.wall.right_pressure.clone_from(&right);
         job.steepened_by = (!given && of_effects != 1.0).then_some(of_effects);
         let state = searched(&anatomy, &job, &spec.wall, context)?;
         let exponents = state.wall.muscle.exponent().zip(wall::muscle(&spec.wall).exponent());
@@ -322,8 +351,15 @@ pub(super) fn make(
     let given = spec.guccione_c_kpa.is_some();
     let mut target = Target::of(spec, measured, end_diastole, &mut remarks);
     let named = std::mem::take(&mut adapted.wall.passive);
-    let own = spec.own_mesh.as_ref().map(|own| take(own, target.image_ml, &named)).transpose()?;
-    adapted.wall.passive = if own.is_some() { passive_tags::renamed(&named) } else { named };
+    let sprung: Vec<&str> = anatomy_spec.wall.surface.keys().map(String::as_str).collect();
+    let own = spec.own_mesh.as_ref().map(|own| take(own, target.image_ml, &named, &sprung)).transpose()?;
+    adapted.wall.passive = own.as_ref().map_or_else(|| named.clone(), |own| passive_tags::renamed(&named, &own.beside));
+    let right = spec.own_mesh.as_ref().and_then(|own| own.right_ventricle.as_ref());
+    if let Some(right) = right
+        && let Some(spring) = adapted.wall.surface.remove(&right.surface)
+    {
+        adapted.wall.surface.insert(surface_names::RIGHT_VENTRICLE.to_owned(), spring);
+    }
     if let Some(own) = &own {
         // The image's volume is the mesh's, whatever was measured in other images.
         if target.before_end_diastole {
@@ -332,12 +368,22 @@ pub(super) fn make(
             target = Target::loaded(own.cavity_ml, end_diastole);
         }
     }
-    let built = match build(&adapted, wall_ml, of_effects, &target, (given, own), context) {
+    let end_mmhg = target.end_diastole.pressure_mmhg;
+    let right = right.map(|own| right_ventricle::read(&own.pressure, spec.cycle_length_ms, end_mmhg)).transpose()?;
+    if let (Some(right), Some(volume_ml)) = (&right, own.as_ref().and_then(|own| own.right_cavity_ml)) {
+        count("right_ventricular_volume_mL", volume_ml);
+        remarks.push(format!(
+            "the right ventricle is passive: {volume_ml:.1} mL in the image, {:.1} mmHg at end-diastole",
+            right.course.at(0.0) * MMHG_PER_KPA
+        ));
+    }
+    let stored_right = right.as_ref().map(StoredRightPressure::from);
+    let built = match build(&adapted, wall_ml, of_effects, &target, (given, own, right), context) {
         // A patient's own mesh shows what it shows.
         Err(TaskError::FiniteElement(error)) if target.before_end_diastole && !given && spec.own_mesh.is_none() => {
             remarks.push(format!("{error}: the mesh is made for end-diastole, with Klotz's unloaded volume alone"));
             target = Target::loaded(end_diastole.volume_ml, end_diastole);
-            build(&adapted, wall_ml, of_effects, &target, (given, None), context)?
+            build(&adapted, wall_ml, of_effects, &target, (given, None, None), context)?
         }
         built => built?,
     };
@@ -396,6 +442,7 @@ pub(super) fn make(
             effects_exponent_factor: of_effects,
             end_diastolic_pressure_kpa: found.pressure_kpa,
             surfaces: mesh.surfaces.iter().map(|s| s.name.clone()).collect(),
+            right_pressure: stored_right,
         },
         activation_ms: times,
         unloaded: found.unloaded,

@@ -1,5 +1,8 @@
 //! A patient's own mesh: read with the content that was planned, checked, its tags and surfaces made ours.
 
+use std::collections::BTreeSet;
+
+use cardiotwin_mesh::cavity::Cavity;
 use cardiotwin_mesh::checks::Severity;
 use cardiotwin_mesh::eikonal::Site;
 use cardiotwin_mesh::files::{LengthUnit, MeshFileError};
@@ -26,16 +29,26 @@ pub(super) struct Taken {
     pub(super) sites: Vec<Site>,
     /// Volume of the cavity \[mL\].
     pub(super) cavity_ml: f64,
+    /// Tags of the file whose tissue is no part of the base, see [`tags::BESIDE`].
+    pub(super) beside: BTreeSet<i32>,
+    /// Volume of the right ventricle's cavity \[mL\], where it has a pressure.
+    pub(super) right_cavity_ml: Option<f64>,
 }
 
 /// Reads and checks the mesh of a heart whose cavity was measured to hold `measured_ml` when it was imaged.
 ///
 /// - `passive`: passive tissues with moduli of their own, by the mesh's tags; in the mesh they have [`passive_tags::ours`]
+/// - `sprung`: names of surfaces with springs of their own
 ///
 /// # Errors
 /// [`TaskError`] when a file is missing or changed, [`FiniteElementError::OwnMesh`] with every defect of the mesh,
 /// [`FiniteElementError::PassiveTag`] where a named tissue is missing.
-pub(super) fn take(own: &OwnMesh, measured_ml: f64, passive: &PassiveTissues) -> Result<Taken, TaskError> {
+pub(super) fn take(
+    own: &OwnMesh,
+    measured_ml: f64,
+    passive: &PassiveTissues,
+    sprung: &[&str],
+) -> Result<Taken, TaskError> {
     for file in own.files.iter().chain(&own.activation_times) {
         read_verified(file)?;
     }
@@ -56,7 +69,17 @@ pub(super) fn take(own: &OwnMesh, measured_ml: f64, passive: &PassiveTissues) ->
         MeshFibres::Rule => Fibres::Rule,
     };
     let left_ventricle = &own.left_ventricle;
-    let asked = Asked { unit, left_ventricle, fibres, cavity: Some(Ml(measured_ml)), wall: None, activation };
+    let right = own.right_ventricle.as_ref().map(|right| right.surface.as_str());
+    let asked = Asked {
+        unit,
+        left_ventricle,
+        fibres,
+        cavity: Some(Ml(measured_ml)),
+        wall: None,
+        activation,
+        right_ventricle: right,
+        sprung,
+    };
     // `cardiotwin check` looks with the same function, before anything waits in a queue.
     let taken = intake::read(&first.path, &asked).map_err(unreadable)?;
     if !taken.is_sound() {
@@ -68,18 +91,38 @@ pub(super) fn take(own: &OwnMesh, measured_ml: f64, passive: &PassiveTissues) ->
     let contracts = |tag: i32| own.left_ventricle.contains(&tag);
     passive_tags::check(passive, mesh.tags.iter().copied().filter(|tag| !contracts(*tag)))
         .map_err(TaskError::FiniteElement)?;
+    let beside = right.map_or_else(BTreeSet::new, |name| beside(&mut mesh, name, contracts));
     for tag in &mut mesh.tags {
-        *tag = if contracts(*tag) { tags::LEFT_VENTRICLE } else { passive_tags::ours(passive, *tag) };
+        *tag = if contracts(*tag) { tags::LEFT_VENTRICLE } else { passive_tags::ours(passive, &beside, *tag) };
     }
     let order = Renumbering::reverse_cuthill_mckee(&mesh);
     let mesh = order.apply(&mesh);
     let times_ms = times.map(|t| order.nodes.iter().map(|old| t[*old as usize]).collect());
     let site = |at_mm: &[f64; 3]| Site { at_mm: *at_mm, radius_mm: SITE_RADIUS_MM, time: Ms(0.0) };
     let sites = own.activation_sites_mm.iter().map(site).collect();
-    let endocardium = mesh.surface(surface_names::ENDOCARDIUM).map(|s| s.triangles.as_slice()).unwrap_or_default();
-    let cavity_ml = cardiotwin_mesh::cavity::Cavity::behind(endocardium)
-        .map_err(|error| refused(error.to_string()))?
-        .volume(&mesh.nodes_mm)
-        .0;
-    Ok(Taken { mesh, times_ms, sites, cavity_ml })
+    let volume_ml = |name: &str| {
+        let triangles = mesh.surface(name).map(|s| s.triangles.as_slice()).unwrap_or_default();
+        Cavity::behind(triangles)
+            .map(|cavity| cavity.volume(&mesh.nodes_mm).0)
+            .map_err(|error| refused(error.to_string()))
+    };
+    let cavity_ml = volume_ml(surface_names::ENDOCARDIUM)?;
+    let right_cavity_ml = right.map(|_| volume_ml(surface_names::RIGHT_VENTRICLE)).transpose()?;
+    Ok(Taken { mesh, times_ms, sites, cavity_ml, beside, right_cavity_ml })
+}
+
+/// Gives the right ventricle's surface our name; returns the tags of passive tissue that reaches the left ventricle's cavity nowhere: of
+/// the right one's wall, and not of a ring at the base.
+fn beside(mesh: &mut TetMesh, right: &str, contracts: impl Fn(i32) -> bool) -> BTreeSet<i32> {
+    for surface in mesh.surfaces.iter_mut().filter(|surface| surface.name == right) {
+        surface.name = surface_names::RIGHT_VENTRICLE.to_owned();
+    }
+    let mut inner = vec![false; mesh.n_nodes()];
+    for node in mesh.surface(surface_names::ENDOCARDIUM).map(|s| s.nodes()).unwrap_or_default() {
+        inner[node as usize] = true;
+    }
+    let reaches = |tet: &[u32; 4]| tet.iter().any(|node| inner[*node as usize]);
+    let of_base: BTreeSet<i32> =
+        (mesh.tets.iter().zip(&mesh.tags)).filter(|(tet, _)| reaches(tet)).map(|(_, tag)| *tag).collect();
+    mesh.tags.iter().copied().filter(|tag| !contracts(*tag) && !of_base.contains(tag)).collect()
 }

@@ -1,5 +1,7 @@
 //! Passive tissue that has moduli of its own, by the mesh's tags.
 
+use std::collections::BTreeSet;
+
 use cardiotwin_mesh::tags;
 use cardiotwin_schemas::muscle::PassiveTissues;
 
@@ -25,14 +27,21 @@ pub(super) fn check(named: &PassiveTissues, passive: impl Iterator<Item = i32>) 
 }
 
 /// Our tag of passive tissue that has this tag in a patient's own mesh.
-pub(super) fn ours(named: &PassiveTissues, tag: i32) -> i32 {
+///
+/// - `beside`: tags of tissue that is no part of the left ventricle's base, see [`tags::BESIDE`]
+pub(super) fn ours(named: &PassiveTissues, beside: &BTreeSet<i32>, tag: i32) -> i32 {
     let place = named.keys().zip(FIRST..).find(|(named, _)| **named == tag);
-    place.map_or(tags::AORTIC_ROOT, |(_, ours)| ours)
+    match (place, beside.contains(&tag)) {
+        (None, false) => tags::AORTIC_ROOT,
+        (None, true) => tags::BESIDE,
+        (Some((_, ours)), false) => ours,
+        (Some((_, ours)), true) => tags::BESIDE + ours,
+    }
 }
 
 /// The same tissues by our tags.
-pub(super) fn renamed(named: &PassiveTissues) -> PassiveTissues {
-    named.iter().map(|(tag, tissue)| (ours(named, *tag), *tissue)).collect()
+pub(super) fn renamed(named: &PassiveTissues, beside: &BTreeSet<i32>) -> PassiveTissues {
+    named.iter().map(|(tag, tissue)| (ours(named, beside, *tag), *tissue)).collect()
 }
 
 #[cfg(test)]
@@ -52,7 +61,13 @@ mod tests {
             "solver.finite_element.wall.passive.7: the mesh has no passive tissue with this tag, expected one of 1, 9"
         );
         // A passive tag may be the one that muscle has with us.
-        assert_eq!([1, 7, 9].map(|tag| ours(&named, tag)), [1000, 1001, tags::AORTIC_ROOT]);
-        assert_eq!(renamed(&named), PassiveTissues::from([(1000, tissue(3.0)), (1001, tissue(9.0))]));
+        let none = BTreeSet::new();
+        assert_eq!([1, 7, 9].map(|tag| ours(&named, &none, tag)), [1000, 1001, tags::AORTIC_ROOT]);
+        assert_eq!(renamed(&named, &none), PassiveTissues::from([(1000, tissue(3.0)), (1001, tissue(9.0))]));
+        // Tissue of the right ventricle stays apart from that of the base, whether it has moduli of its own or not.
+        let beside = BTreeSet::from([7, 9]);
+        let apart = [1, 7, 9, 11].map(|tag| ours(&named, &beside, tag));
+        assert_eq!(apart, [1000, tags::BESIDE + 1001, tags::BESIDE, tags::AORTIC_ROOT]);
+        assert_eq!(renamed(&named, &beside)[&apart[1]], tissue(9.0));
     }
 }

@@ -75,6 +75,8 @@ pub fn execute(args: &CheckArgs, talk: &Talk) -> Result<Exit, CliError> {
         cavity: args.cavity_ml.map(Ml),
         wall: args.wall_ml.map(Ml).filter(|_| !args.left_ventricle.is_empty()),
         activation: Activation::Unasked,
+        right_ventricle: None,
+        sprung: &[],
     };
     let file = &args.source.file;
     let intake = intake::look(args.source.read()?, &asked);

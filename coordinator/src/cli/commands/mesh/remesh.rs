@@ -89,6 +89,8 @@ pub fn tell_written(mesh: TetMesh, out: &Path, json: bool, talk: &Talk) -> Resul
         cavity: None,
         wall: None,
         activation: Activation::Unasked,
+        right_ventricle: None,
+        sprung: &[],
     };
     check::tell(&intake::look(mesh, &asked), out, json, talk)
 }

@@ -118,6 +118,8 @@ pub fn execute(args: &RepairArgs, talk: &Talk) -> Result<Exit, CliError> {
         cavity: None,
         wall: None,
         activation: Activation::Unasked,
+        right_ventricle: None,
+        sprung: &[],
     };
     let intake = intake::look(mesh, &asked);
     let out = &args.target.out;

@@ -1,0 +1,113 @@
+//! The right ventricle, where a mesh has one: passive tissue, and a cavity whose pressure is given.
+
+use super::anatomy::Triangles;
+use super::wall::WallError;
+use crate::boundary::{Cavity, SurfaceError, ValvePlane};
+use crate::linear::Pattern;
+use crate::parallel::Communicator;
+
+/// Inner wall of the right ventricle, and the parts of the rim that the two ventricles' valves hang on.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RightVentricle {
+    /// Its endocardium, the right side of the septum included.
+    pub endocardium: Triangles,
+    /// Loops of nodes around its openings, as the left ventricle's; none where it is closed.
+    pub openings: Vec<Vec<u32>>,
+    /// Rim around its openings.
+    pub ring: Triangles,
+    /// Rim around the left ventricle's.
+    pub left_ring: Triangles,
+}
+
+impl RightVentricle {
+    /// The same with its triangles and loops in other numbers.
+    pub(super) fn mapped(&self, surface: impl Fn(&Triangles) -> Triangles, node: impl Fn(&u32) -> u32) -> Self {
+        Self {
+            endocardium: surface(&self.endocardium),
+            openings: self.openings.iter().map(|nodes| nodes.iter().map(&node).collect()).collect(),
+            ring: surface(&self.ring),
+            left_ring: surface(&self.left_ring),
+        }
+    }
+}
+
+/// Pressure in the right ventricle.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RightPressure {
+    /// In the beat.
+    pub course: PressureCourse,
+    /// In step 0, where both ventricles are loaded together: its share of the left one's pressure, that of end-diastole.
+    pub per_left: f64,
+}
+
+/// A pressure that comes again with each beat, straight between its samples.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PressureCourse {
+    /// Times of the samples from the beat's start, ascending, the first one at zero \[ms\].
+    pub time_ms: Vec<f64>,
+    /// Pressures then \[kPa\].
+    pub kpa: Vec<f64>,
+    /// Length of a beat \[ms\].
+    pub cycle_ms: f64,
+}
+
+impl PressureCourse {
+    /// The same pressure at all times.
+    #[must_use]
+    pub fn constant(kpa: f64) -> Self {
+        Self { time_ms: vec![0.0], kpa: vec![kpa], cycle_ms: 1.0 }
+    }
+
+    /// Pressure at a time of any beat \[kPa\].
+    ///
+    /// # Panics
+    /// For a course without samples.
+    #[must_use]
+    pub fn at(&self, time_ms: f64) -> f64 {
+        let t = time_ms.rem_euclid(self.cycle_ms);
+        let before = self.time_ms.partition_point(|sample| *sample <= t).saturating_sub(1);
+        let (t0, p0) = (self.time_ms[before], self.kpa[before]);
+        // The first sample follows the last.
+        let next = before + 1;
+        let t1 = self.time_ms.get(next).copied().unwrap_or(self.cycle_ms + self.time_ms[0]);
+        let p1 = self.kpa.get(next).copied().unwrap_or(self.kpa[0]);
+        if t1 > t0 { p0 + (p1 - p0) * (t - t0) / (t1 - t0) } else { p0 }
+    }
+}
+
+/// The cavity behind an endocardium whose valves hang on a ring. Collective.
+pub(super) fn chamber(
+    name: &'static str,
+    (endocardium, openings, ring): (&Triangles, &[Vec<u32>], &Triangles),
+    valve_plane: ValvePlane,
+    (reference, pattern): (&[f64], &Pattern),
+    comm: &dyn Communicator,
+) -> Result<Cavity, WallError> {
+    let openings = openings.to_vec();
+    let hangs = valve_plane == ValvePlane::HangsOnRim;
+    match (endocardium, ring) {
+        (Triangles::Linear(wall), Triangles::Linear(ring)) => {
+            Cavity::new(wall, openings, if hangs { ring } else { &[] }, reference, pattern, comm)
+        }
+        (Triangles::Quadratic(wall), Triangles::Quadratic(ring)) => {
+            Cavity::new(wall, openings, if hangs { ring } else { &[] }, reference, pattern, comm)
+        }
+        _ => Err(SurfaceError::Nodes { found: 0 }),
+    }
+    .map_err(|source| WallError::Surface { name, source })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_course_is_straight_between_samples_and_comes_again() {
+        let course = PressureCourse { time_ms: vec![0.0, 100.0, 400.0], kpa: vec![1.0, 3.0, 0.0], cycle_ms: 500.0 };
+        for (t, p) in [(0.0, 1.0), (50.0, 2.0), (100.0, 3.0), (400.0, 0.0), (450.0, 0.5), (500.0, 1.0), (1050.0, 2.0)] {
+            assert!((course.at(t) - p).abs() < 1e-12, "{p} at {t}: {}", course.at(t));
+        }
+        assert!((course.at(-50.0) - 0.5).abs() < 1e-12);
+        assert_eq!(PressureCourse::constant(0.7).at(123.4), 0.7);
+    }
+}
