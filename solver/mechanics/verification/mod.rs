@@ -8,3 +8,5 @@ pub mod meshes;
 pub mod motion;
 pub mod problems;
 pub mod sphere;
+pub mod symmetric;
+pub mod volume_trials;

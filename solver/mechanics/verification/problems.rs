@@ -1,7 +1,7 @@
 //! The static problems of the verification: Land et al. 2015, Proc R Soc A 471:20150641, problems 1 to 3, and a thick
 //! neo-Hookean sphere with a closed form.
 
-use cardiotwin_mechanics::body::{Body, BodyInput};
+use cardiotwin_mechanics::body::{Body, BodyInput, Deformation};
 use cardiotwin_mechanics::boundary::PressureSurface;
 use cardiotwin_mechanics::element::batch::Frame;
 use cardiotwin_mechanics::element::kernel::{ActivePoint, VolumeChange};
@@ -62,6 +62,8 @@ pub struct Solution {
     pub report: StaticReport,
     pub cavity_mm3: f64,
     pub n_tets: usize,
+    /// Mean pressure of each element \[kPa\].
+    pub pressure_kpa: Vec<f64>,
 }
 
 impl Solution {
@@ -114,7 +116,30 @@ impl Problem {
         let mut displacement = vec![0.0; 3 * nodes.len()];
         let report = load(&problem, &mut displacement, steps)?;
         let cavity_mm3 = self.copies * surface.volume(self.about, body.reference(), &displacement);
-        Ok(Solution { nodes, displacement, report, cavity_mm3, n_tets: self.mesh.tets.len() })
+        let pressure_kpa = self.element_pressures(&body, element, &displacement);
+        Ok(Solution { nodes, displacement, report, cavity_mm3, n_tets: self.mesh.tets.len(), pressure_kpa })
+    }
+
+    /// Mean of `U'(J)` of each element, as its integration points see it \[kPa\].
+    fn element_pressures(&self, body: &Body, element: Element, displacement: &[f64]) -> Vec<f64> {
+        let mut deformation = Deformation::default();
+        body.deform(displacement, &SingleProcess, &mut deformation);
+        let Volumetric { law, kappa_kpa } = self.tissue.volumetric;
+        let mut sums = vec![[0.0; 2]; self.mesh.tets.len()];
+        for (idx, ratios) in deformation.volume_ratio.iter().enumerate() {
+            let (n_lanes, elements) = body.point_lanes(idx);
+            for lane in 0..n_lanes {
+                let e = elements[lane] as usize;
+                let nodal = (self.mesh.tets[e].iter().zip(body.vertex_shape(idx)))
+                    .map(|(v, share)| share * deformation.nodal_pressure.get(*v as usize).unwrap_or(&0.0))
+                    .sum::<f64>();
+                let own = element.volume.pointwise() * kappa_kpa * law.slopes(ratios[lane]).0;
+                let volume = body.point_volume(idx)[lane];
+                sums[e][0] += volume * (nodal + own);
+                sums[e][1] += volume;
+            }
+        }
+        sums.iter().map(|[pressure, volume]| pressure / volume).collect()
     }
 
     fn input<'a, const N: usize>(
