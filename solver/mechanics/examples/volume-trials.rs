@@ -6,8 +6,16 @@ mod verification;
 
 use std::time::Instant;
 
+use cardiotwin_mechanics::material::{ActiveLaw, Tissue, Volumetric, VolumetricLaw};
+use cardiotwin_mechanics::organ::{Anatomy, ElementKind, WallParameters};
 use cardiotwin_mechanics::statics::LoadSteps;
-use verification::problems::{
+use cardiotwin_mesh::ellipsoid::{EllipsoidSpec, generate};
+use cardiotwin_mesh::fibres::{Angles, make};
+use cardiotwin_mesh::tags;
+use cardiotwin_mesh::tet_mesh::surface_names;
+use cardiotwin_units::Ml;
+use verification::meshes::Mesh;
+use verification::problems::{KAPPA_KPA,
     APEX_ENDO, APEX_EPI, BEAM_TIP, P2_NODAL, Problem, SPHERE, beam, contraction, inflation, p1_nodal, sphere,
 };
 use verification::sphere::incompressible_pressure;
@@ -19,6 +27,37 @@ fn spread(x: &[f64]) -> f64 {
     (x.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / x.len() as f64).sqrt()
 }
 
+/// A generated ventricle as a cohort has it, its base held, under a pressure and an active stress \[kPa\].
+fn ventricle(n_nodes: usize, pressure_kpa: f64, active_kpa: f64) -> Problem {
+    let made = generate(&EllipsoidSpec::new(Ml(112.0), Ml(140.0), n_nodes)).expect("a ventricle");
+    let mut mesh = made.mesh;
+    make(&mut mesh, &[tags::LEFT_VENTRICLE], &Angles::default()).expect("fibres");
+    let anatomy = Anatomy::of(&mesh, &[tags::LEFT_VENTRICLE], ElementKind::LINEAR_NODAL).expect("an anatomy");
+    let axis = anatomy.axis;
+    let length = (0..3).map(|i| (axis.base_mm[i] - axis.apex_mm[i]).powi(2)).sum::<f64>().sqrt();
+    let wall = WallParameters::default();
+    let sides = vec![mesh.surface(surface_names::ENDOCARDIUM).expect("an endocardium").triangles.clone()];
+    let nodes = anatomy.nodes.clone();
+    Problem {
+        mesh: Mesh { nodes: nodes.clone(), tets: mesh.tets, sides },
+        middle: Box::new(|_, _| None),
+        frame: Box::new(move |e, x| anatomy.frame_at(&nodes, e, x)),
+        tissue: Tissue {
+            law: wall.muscle.with_stiffness(0.8),
+            volumetric: Volumetric { law: VolumetricLaw::LnSquared, kappa_kpa: KAPPA_KPA },
+            active: Some(ActiveLaw::BENCHMARK),
+            density: 1.0,
+        },
+        pressure: (0, pressure_kpa),
+        fixed: Box::new(move |x| [axis.height(x) > 1.0 - 1e-6 / length; 3]),
+        active_kpa,
+        about: axis.base_mm,
+        first_step: 0.1,
+        copies: 1.0,
+        grid: None,
+    }
+}
+
 struct Row<'a> {
     problem: &'a Problem,
     points: &'a [([f64; 3], usize)],
@@ -27,7 +66,7 @@ struct Row<'a> {
 }
 
 impl Row<'_> {
-    fn print(&self, name: &str, u: &[f64], pressure: &[f64], ratios: &[f64], newton: usize, n_cut: usize, seconds: f64) {
+    fn print(&self, name: &str, u: &[f64], pressure: &[f64], ratios: &[f64], cavity: f64, newton: usize, n_cut: usize, seconds: f64) {
         let nodes = &self.problem.mesh.nodes;
         let figures: Vec<String> = (self.points.iter())
             .map(|(at, axis)| {
@@ -36,6 +75,7 @@ impl Row<'_> {
                 format!("{:.4}", nodes[k][*axis] + u[3 * k + axis])
             })
             .collect();
+        let figures: Vec<String> = figures.into_iter().chain([format!("{cavity:.1}")]).collect();
         let pairs = neighbours(&self.problem.mesh.tets);
         let jumps = pairs.iter().map(|(a, b)| (pressure[*a] - pressure[*b]).powi(2)).sum::<f64>() / pairs.len() as f64;
         let (jump, off) = match &self.reference {
@@ -71,6 +111,7 @@ fn main() {
             "beam" => (beam(n, 1e3), &tip[..], 2.0),
             "inflation" => (inflation(n, layers, 1e4), &apices[..], 5.0),
             "contraction" => (contraction(n, layers, 1e3), &apices[..], 2.0),
+            "ventricle" => (ventricle(n, number("pressure").unwrap_or(1.2), 0.0), &[][..], 1.4),
             "sphere" => (sphere(n, layers, incompressible_pressure(1.3), 1e3), &inner[..], 1.0),
             _ => panic!("beam, inflation, contraction or sphere"),
         };
@@ -87,7 +128,7 @@ fn main() {
             match problem.solve_with(element, &steps) {
                 Ok(s) => {
                     let seconds = start.elapsed().as_secs_f64();
-                    row.print(name, &s.displacement, &s.pressure_kpa, &[], s.report.iterations(), s.report.n_cut, seconds);
+                    row.print(name, &s.displacement, &s.pressure_kpa, &[], s.cavity_mm3, s.report.iterations(), s.report.n_cut, seconds);
                     if element == P2_NODAL {
                         row.reference = Some(s.pressure_kpa);
                     }
@@ -111,7 +152,7 @@ fn main() {
             match equilibrium(&problem, trial) {
                 Ok(s) => {
                     let seconds = start.elapsed().as_secs_f64();
-                    row.print(&name, &s.displacement, &s.pressure_kpa, &s.volume_ratio, s.newton, s.n_cut, seconds);
+                    row.print(&name, &s.displacement, &s.pressure_kpa, &s.volume_ratio, s.cavity_mm3, s.newton, s.n_cut, seconds);
                 }
                 Err(reached) => println!("| {name} | fails at {:.1} % of the load |", 100.0 * reached),
             }

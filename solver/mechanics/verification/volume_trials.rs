@@ -34,6 +34,7 @@ pub struct Equilibrium {
     pub pressure_kpa: Vec<f64>,
     /// Volume ratio of each element.
     pub volume_ratio: Vec<f64>,
+    pub cavity_mm3: f64,
     pub newton: usize,
     pub n_cut: usize,
 }
@@ -102,7 +103,8 @@ pub fn equilibrium(problem: &Problem, trial: Trial) -> Result<Equilibrium, f64> 
             }
         }
     }
-    Ok(Equilibrium { displacement: u, pressure_kpa, volume_ratio, newton, n_cut })
+    let cavity_mm3 = problem.copies * setting.surface.volume(problem.about, problem.mesh.nodes.as_flattened(), &u);
+    Ok(Equilibrium { displacement: u, cavity_mm3, pressure_kpa, volume_ratio, newton, n_cut })
 }
 
 impl<'a> Setting<'a> {
