@@ -24,17 +24,17 @@ const ORDER_KPA: f64 = 100.0;
 /// Nodes of linear elements from which multigrid takes less time than a factorisation.
 const LARGE: usize = 3000;
 
-/// Load steps of a problem: as the library's, on large meshes with multigrid.
+/// Load steps of a problem: as the library's, on large meshes with multigrid and at once from a guess.
 fn steps(problem: &Problem, element: ElementKind, guessed: bool) -> LoadSteps {
     let first = if guessed { 1.0 } else { problem.first_step };
-    let foresee_pressures = true;
-    if element.quadratic || problem.mesh.nodes.len() < LARGE || std::env::var("DIRECT").is_ok() {
-        return LoadSteps { first, newton: NewtonSettings { foresee_pressures, ..NewtonSettings::default() }, ..LoadSteps::default() };
+    if element.quadratic || problem.mesh.nodes.len() < LARGE {
+        return LoadSteps { first, ..LoadSteps::default() };
     }
-    let krylov = KrylovSettings { relative_tolerance: std::env::var("KT").map_or(1e-3, |x| x.parse().unwrap()), ..KrylovSettings::default() };
-    let newton = NewtonSettings { foresee_pressures, linear: LinearSolver::Multigrid, krylov, relative_tolerance: 1e-6, ..NewtonSettings::default() };
-    let get = |n: &str, d: f64| std::env::var(n).map_or(d, |x| x.parse().unwrap());
-    LoadSteps { first: first * get("FIRST", 1.0), newton: NewtonSettings { relative_tolerance: get("NT", 1e-6), ..newton }, grow_after: get("GROW", 2.0) as usize, ..LoadSteps::default() }
+    // Loose: a displacement's error stays below a thousandth of a millimetre.
+    let krylov = KrylovSettings { relative_tolerance: 0.1, ..KrylovSettings::default() };
+    let linear = LinearSolver::Multigrid;
+    let newton = NewtonSettings { linear, krylov, relative_tolerance: 1e-5, ..NewtonSettings::default() };
+    LoadSteps { first, newton, grow_after: 1, ..LoadSteps::default() }
 }
 
 /// Meshes (edges a side, layers) that a table computes with linear elements, with a cohort's alone, with quadratic ones.
@@ -58,7 +58,8 @@ fn table(sizes: Sizes<'_>, problem: impl Fn(usize, usize) -> Problem, figures: i
             let start = Instant::now();
             let large = k >= sizes.linear.len() && !element.quadratic;
             let before = coarse.as_ref().filter(|_| large);
-            let guess = before.and_then(|(coarse, solution)| problem.interpolated(coarse, solution)).unwrap_or_default();
+            let guess =
+                before.and_then(|(coarse, solution)| problem.interpolated(coarse, solution)).unwrap_or_default();
             let steps = steps(&problem, element, !guess.is_empty());
             match problem.solve_from(element, &steps, guess) {
                 Ok(s) => {
@@ -66,7 +67,6 @@ fn table(sizes: Sizes<'_>, problem: impl Fn(usize, usize) -> Problem, figures: i
                     let (tets, dofs, newton) = (s.n_tets, s.degrees_of_freedom(), s.report.iterations());
                     let seconds = start.elapsed().as_secs_f64();
                     println!("{name},{n},{layers},{tets},{dofs},{a:.6},{b:.6},{c:.4},{newton},{seconds:.1}");
-                    eprintln!("cut {}", s.report.n_cut); for step in &s.report.steps { eprintln!("{} newton, {} krylov, {} halvings", step.iterations(), step.krylov_iterations, step.halvings); }
                     coarse = Some((problem, s));
                 }
                 Err(error) => {
@@ -104,13 +104,17 @@ fn main() {
         Some("beam") => {
             let sizes = sizes(
                 &[(2, 2), (3, 3), (4, 4), (6, 6), (8, 8)],
-                &[(12, 12), (16, 16), (24, 24)],
+                &[(12, 12), (16, 16), (28, 28)],
                 &[(1, 1), (2, 2), (3, 3), (4, 4)],
             );
-            table(sizes, |n, _| beam(n, KAPPA_KPA), |s| {
-                let tip = s.position(BEAM_TIP);
-                [tip[0], tip[2], 0.0]
-            });
+            table(
+                sizes,
+                |n, _| beam(n, KAPPA_KPA),
+                |s| {
+                    let tip = s.position(BEAM_TIP);
+                    [tip[0], tip[2], 0.0]
+                },
+            );
         }
         Some("inflation") => {
             let sizes = sizes(&[(4, 2), (6, 3), (8, 4)], &[(16, 8), (32, 16)], &[(2, 1), (3, 2), (4, 2), (6, 2)]);
@@ -118,7 +122,7 @@ fn main() {
         }
         Some("contraction") => {
             let sizes =
-                sizes(&[(2, 2), (4, 4), (6, 6), (8, 8)], &[(12, 12), (24, 24)], &[(2, 2), (3, 2), (3, 3), (4, 3)]);
+                sizes(&[(2, 2), (4, 4), (6, 6), (8, 8)], &[(12, 12), (16, 16)], &[(2, 2), (3, 2), (3, 3), (4, 3)]);
             table(sizes, |n, layers| contraction(n, layers, KAPPA_KPA), apices);
         }
         Some("sphere") => {

@@ -15,11 +15,12 @@ use cardiotwin_mesh::tags;
 use cardiotwin_mesh::tet_mesh::surface_names;
 use cardiotwin_units::Ml;
 use verification::meshes::Mesh;
-use verification::problems::{KAPPA_KPA,
-    APEX_ENDO, APEX_EPI, BEAM_TIP, P2_NODAL, Problem, SPHERE, beam, contraction, inflation, p1_nodal, sphere,
+use verification::patches::neighbours;
+use verification::problems::{
+    APEX_ENDO, APEX_EPI, BEAM_TIP, KAPPA_KPA, P2_NODAL, Problem, SPHERE, beam, contraction, inflation, p1_nodal, sphere,
 };
 use verification::sphere::incompressible_pressure;
-use verification::volume_trials::{Trial, equilibrium, neighbours};
+use verification::volume_trials::{Trial, equilibrium};
 
 /// Root of the mean square of what is left of `x` by its mean.
 fn spread(x: &[f64]) -> f64 {
@@ -66,7 +67,17 @@ struct Row<'a> {
 }
 
 impl Row<'_> {
-    fn print(&self, name: &str, u: &[f64], pressure: &[f64], ratios: &[f64], cavity: f64, newton: usize, n_cut: usize, seconds: f64) {
+    fn print(
+        &self,
+        name: &str,
+        u: &[f64],
+        pressure: &[f64],
+        ratios: &[f64],
+        cavity: f64,
+        newton: usize,
+        n_cut: usize,
+        seconds: f64,
+    ) {
         let nodes = &self.problem.mesh.nodes;
         let figures: Vec<String> = (self.points.iter())
             .map(|(at, axis)| {
@@ -91,13 +102,17 @@ impl Row<'_> {
             (Some(least), Some(largest)) => format!("{least:.3} to {largest:.3}"),
             _ => String::new(),
         };
-        println!("| {name} | {} | {jump:.2} | {off} | {range} | {newton} | {n_cut} | {seconds:.1} |", figures.join(" | "));
+        println!(
+            "| {name} | {} | {jump:.2} | {off} | {range} | {newton} | {n_cut} | {seconds:.1} |",
+            figures.join(" | ")
+        );
     }
 }
 
 fn main() {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
-    let number = |name: &str| arguments.iter().find_map(|a| a.strip_prefix(name)?.strip_prefix('=')?.parse::<f64>().ok());
+    let number =
+        |name: &str| arguments.iter().find_map(|a| a.strip_prefix(name)?.strip_prefix('=')?.parse::<f64>().ok());
     let sizes = arguments.iter().filter_map(|a| {
         let (n, layers) = a.split_once('x')?;
         Some((n.parse::<usize>().ok()?, layers.parse::<usize>().ok()?))
@@ -118,7 +133,12 @@ fn main() {
         if let Some(active) = number("active") {
             problem.active_kpa = active;
         }
-        println!("{} {n} x {layers}, {} tetrahedra, {} vertices", arguments[0], problem.mesh.tets.len(), problem.mesh.nodes.len());
+        println!(
+            "{} {n} x {layers}, {} tetrahedra, {} vertices",
+            arguments[0],
+            problem.mesh.tets.len(),
+            problem.mesh.nodes.len()
+        );
         println!("| element | figures | jump of pressure | off quadratic | J | Newton | cut | s |");
         let mut row = Row { problem: &problem, points, reference: None };
         let steps = LoadSteps { first: problem.first_step, ..LoadSteps::default() };
@@ -128,7 +148,16 @@ fn main() {
             match problem.solve_with(element, &steps) {
                 Ok(s) => {
                     let seconds = start.elapsed().as_secs_f64();
-                    row.print(name, &s.displacement, &s.pressure_kpa, &[], s.cavity_mm3, s.report.iterations(), s.report.n_cut, seconds);
+                    row.print(
+                        name,
+                        &s.displacement,
+                        &s.pressure_kpa,
+                        &[],
+                        s.cavity_mm3,
+                        s.report.iterations(),
+                        s.report.n_cut,
+                        seconds,
+                    );
                     if element == P2_NODAL {
                         row.reference = Some(s.pressure_kpa);
                     }
@@ -152,7 +181,16 @@ fn main() {
             match equilibrium(&problem, trial) {
                 Ok(s) => {
                     let seconds = start.elapsed().as_secs_f64();
-                    row.print(&name, &s.displacement, &s.pressure_kpa, &s.volume_ratio, s.cavity_mm3, s.newton, s.n_cut, seconds);
+                    row.print(
+                        &name,
+                        &s.displacement,
+                        &s.pressure_kpa,
+                        &s.volume_ratio,
+                        s.cavity_mm3,
+                        s.newton,
+                        s.n_cut,
+                        seconds,
+                    );
                 }
                 Err(reached) => println!("| {name} | fails at {:.1} % of the load |", 100.0 * reached),
             }

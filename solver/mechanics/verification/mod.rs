@@ -6,6 +6,7 @@ pub mod beat;
 pub mod land_cube;
 pub mod meshes;
 pub mod motion;
+pub mod patches;
 pub mod problems;
 pub mod sphere;
 pub mod symmetric;

@@ -4,14 +4,13 @@
 //! All minimise `∫ W(Ē) + s κ/2 (J − 1)² dV + max_p (pᵀ (B(J) − V) − pᵀ M p / 2)`: pressures `p` in some space, `B(J)` the
 //! deformed volumes that it sees, `M` its compliance. They differ in `B` and `M` alone.
 
-use std::collections::BTreeMap;
-
 use cardiotwin_mechanics::boundary::PressureSurface;
 use cardiotwin_mechanics::element::batch::{Batch, batches};
 use cardiotwin_mechanics::linear::{BlockCsr, Pattern, Tangent};
 use cardiotwin_mechanics::material::tensor::at;
 use cardiotwin_mechanics::material::{Load, respond};
 
+use super::patches::patches;
 use super::problems::Problem;
 use super::symmetric::Symmetric;
 
@@ -114,7 +113,8 @@ impl<'a> Setting<'a> {
         let pattern = std::sync::Arc::new(Pattern::of_elements(n_nodes, mesh.tets.iter().map(|t| (&t[..], &t[..]))));
         let surface = PressureSurface::new(&mesh.sides[problem.pressure.0], &pattern).expect("faces of the mesh");
         let surface_tangent = Tangent { stiffness: BlockCsr::zeros(pattern), coupling: None, bulk: vec![] };
-        let batches = batches::<4, 1>(&mesh.nodes, &mesh.tets, &vec![0; n_tets], &problem.frame).expect("a proper mesh");
+        let batches =
+            batches::<4, 1>(&mesh.nodes, &mesh.tets, &vec![0; n_tets], &problem.frame).expect("a proper mesh");
         let (share, projection, patches) = match trial {
             Trial::Nodal { share } => (share, None, None),
             Trial::Projected { modulus_kpa } => (0.0, Some(modulus_kpa), None),
@@ -138,7 +138,16 @@ impl<'a> Setting<'a> {
         let matrix = Symmetric::new(n + n_pressures, &unknowns);
         let compliance = Symmetric::new(n_pressures, &of_pressures);
         let mut setting = Self {
-            problem, batches, surface, surface_tangent, fixed, unknowns, share, projection, compliance, matrix,
+            problem,
+            batches,
+            surface,
+            surface_tangent,
+            fixed,
+            unknowns,
+            share,
+            projection,
+            compliance,
+            matrix,
             n_displacements: n,
         };
         for (e, p) in of_pressures.iter().enumerate() {
@@ -331,70 +340,4 @@ fn cofactor(f: &[[f64; 3]; 3]) -> ([[f64; 3]; 3], f64) {
 
 fn norm(x: &[f64]) -> f64 {
     x.iter().map(|x| x * x).sum::<f64>().sqrt()
-}
-
-/// Pairs of elements that share a face.
-pub fn neighbours(tets: &[[u32; 4]]) -> Vec<(usize, usize)> {
-    let mut behind = BTreeMap::new();
-    let mut pairs = vec![];
-    for (e, tet) in tets.iter().enumerate() {
-        for left_out in 0..4 {
-            let mut face: Vec<u32> = (0..4).filter(|k| *k != left_out).map(|k| tet[k]).collect();
-            face.sort_unstable();
-            if let Some(other) = behind.insert(face, e) {
-                pairs.push((other, e));
-            }
-        }
-    }
-    pairs
-}
-
-/// Elements in patches of about `size`, each grown over faces to the neighbour with the most vertices in common; what stays
-/// below half of it joins the smallest patch beside it.
-fn patches(tets: &[[u32; 4]], size: usize) -> Vec<u32> {
-    const NONE: u32 = u32::MAX;
-    let mut beside = vec![vec![]; tets.len()];
-    for (a, b) in neighbours(tets) {
-        beside[a].push(b);
-        beside[b].push(a);
-    }
-    let mut patch_of = vec![NONE; tets.len()];
-    let mut members: Vec<Vec<usize>> = vec![];
-    for first in 0..tets.len() {
-        if patch_of[first] != NONE {
-            continue;
-        }
-        let mut patch = vec![first];
-        patch_of[first] = members.len() as u32;
-        while patch.len() < size {
-            let common = |e: usize| {
-                let within = |v: &&u32| patch.iter().any(|m| tets[*m].contains(v));
-                tets[e].iter().filter(within).count() + beside[e].iter().filter(|b| patch.contains(b)).count()
-            };
-            let free = patch.iter().flat_map(|m| &beside[*m]).copied().filter(|e| patch_of[*e] == NONE);
-            let Some(next) = free.max_by_key(|e| (common(*e), std::cmp::Reverse(*e))) else { break };
-            patch_of[next] = members.len() as u32;
-            patch.push(next);
-        }
-        members.push(patch);
-    }
-    for small in 0..members.len() {
-        if 2 * members[small].len() >= size {
-            continue;
-        }
-        let around = members[small].iter().flat_map(|m| &beside[*m]).map(|e| patch_of[*e] as usize);
-        if let Some(other) = around.filter(|p| *p != small).min_by_key(|p| (members[*p].len(), *p)) {
-            let moved = std::mem::take(&mut members[small]);
-            moved.iter().for_each(|m| patch_of[*m] = other as u32);
-            members[other].extend(moved);
-        }
-    }
-    // Numbers without gaps.
-    let mut number = vec![NONE; members.len()];
-    let mut n = 0;
-    for (to, _) in number.iter_mut().zip(&members).filter(|(_, m)| !m.is_empty()) {
-        *to = n;
-        n += 1;
-    }
-    patch_of.iter().map(|p| number[*p as usize]).collect()
 }
