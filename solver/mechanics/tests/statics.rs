@@ -66,6 +66,8 @@ fn thick_sphere_converges_with_the_order_of_its_elements() {
 fn newton_is_quadratic_on_a_static_problem() {
     let newton = NewtonSettings {
         relative_tolerance: 1e-13,
+        // Foreseen pressures are those of another tangent on the way.
+        foresee_pressures: false,
         krylov: KrylovSettings { relative_tolerance: 1e-13, ..KrylovSettings::default() },
         ..NewtonSettings::default()
     };
