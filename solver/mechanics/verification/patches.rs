@@ -60,10 +60,8 @@ pub fn patches(tets: &[[u32; 4]], size: usize) -> Vec<u32> {
     }
     // Numbers without gaps.
     let mut number = vec![NONE; members.len()];
-    let mut n = 0;
-    for (to, _) in number.iter_mut().zip(&members).filter(|(_, m)| !m.is_empty()) {
-        *to = n;
-        n += 1;
+    for (n, (to, _)) in number.iter_mut().zip(&members).filter(|(_, m)| !m.is_empty()).enumerate() {
+        *to = n as u32;
     }
     patch_of.iter().map(|p| number[*p as usize]).collect()
 }
