@@ -67,6 +67,7 @@ struct Row<'a> {
 }
 
 impl Row<'_> {
+    #[expect(clippy::too_many_arguments, reason = "the columns of a table")]
     fn print(
         &self,
         name: &str,
