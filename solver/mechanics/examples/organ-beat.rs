@@ -4,11 +4,14 @@
 //! [tolerance=1e-4] [step=1] [end=659]`. With a stiffness `c` \[kPa\] step 0 only inflates, from the image taken for unloaded. What a beat is made of:
 //! `cardiotwin-worker bench beat --nodes N`.
 
+use std::convert::Infallible;
+use std::ops::ControlFlow;
 use std::time::Instant;
 
 use cardiotwin_mechanics::element::kernel::VolumeChange;
 use cardiotwin_mechanics::material::{ActiveConvention, HolzapfelOgden, Law, NeoHookean};
 use cardiotwin_mechanics::newton::LinearSolver;
+use cardiotwin_mechanics::organ::motion::volume_ratios;
 use cardiotwin_mechanics::organ::passive_fit::fit;
 use cardiotwin_mechanics::organ::{
     Anatomy, ElementKind, FiniteElementVentricle, Fitted, PassiveFit, PassiveState, Piece, Search, UnloadingSettings,
@@ -20,7 +23,7 @@ use cardiotwin_mesh::ellipsoid::{EllipsoidSpec, generate};
 use cardiotwin_mesh::fibres::{Angles, make};
 use cardiotwin_mesh::order::Renumbering;
 use cardiotwin_mesh::tags;
-use cardiotwin_models::beat::{BeatOutcome, BeatSettings, run_beats};
+use cardiotwin_models::beat::{BeatOutcome, BeatSettings, run_observed};
 use cardiotwin_models::circulation::LeftHeart;
 use cardiotwin_models::contraction::{Tanh, TanhParameters};
 use cardiotwin_models::ventricle::GroupContraction;
@@ -146,7 +149,19 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         },
     })?;
     let settings = BeatSettings { step: Ms(argument("step", 1.0)), ..BeatSettings::one_beat(cycle_length) };
-    let outcome = run_beats(&mut ventricle, &mut circulation, &settings);
+    let (mut volume_ratio, mut sample) = ([f64::INFINITY, f64::NEG_INFINITY], 0);
+    let outcome = run_observed(&mut ventricle, &mut circulation, &settings, None, |seen| {
+        if sample % 5 == 0 {
+            let (unloaded, u) = (seen.ventricle.unloaded_mm(), seen.ventricle.displacement_mm());
+            let x: Vec<f64> = unloaded.iter().zip(&u).map(|(x, u)| x + u).collect();
+            let [least, largest] = volume_ratios(&mesh.tets, unloaded.as_chunks::<3>().0, x.as_chunks::<3>().0);
+            volume_ratio = [volume_ratio[0].min(least), volume_ratio[1].max(largest)];
+        }
+        sample += 1;
+        ControlFlow::<Infallible>::Continue(())
+    });
+    let ControlFlow::Continue(outcome) = outcome;
+    println!("volumes of elements over their unloaded ones: {:.3} to {:.3}", volume_ratio[0], volume_ratio[1]);
     let (seconds, processor) = (begun.elapsed().as_secs_f64(), processor_seconds() - processor);
     let traces = match &outcome {
         BeatOutcome::Finished(result) => {

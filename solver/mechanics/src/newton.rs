@@ -34,6 +34,8 @@ pub struct NewtonSettings {
     pub largest_growth: f64,
     /// A step is halved when an element's volume would shrink below this share.
     pub smallest_volume_ratio: f64,
+    /// Whether the tangent is taken at the nodal pressures that the last iteration foresaw ([`crate::step::StepSettings`]).
+    pub foresee_pressures: bool,
     /// Linear solver.
     pub linear: LinearSolver,
     /// Its tolerance and limits.
@@ -48,6 +50,7 @@ impl Default for NewtonSettings {
             max_halvings: 6,
             largest_growth: 1e3,
             smallest_volume_ratio: 0.1,
+            foresee_pressures: true,
             linear: LinearSolver::Direct,
             krylov: KrylovSettings { relative_tolerance: 1e-6, ..KrylovSettings::default() },
         }
@@ -134,6 +137,12 @@ pub trait System {
     /// Residual and its derivative, constrained.
     fn linearise(&mut self, u: &mut [f64], r: &mut [f64], tangent: &mut Tangent);
 
+    /// Lets the next derivative be that at the nodal pressures which a step of `change` from the last one would have to first
+    /// order, if [`NewtonSettings::foresee_pressures`] asks for it. Does nothing by default. Collective.
+    fn foresee(&mut self, change: &mut [f64], tangent: &Tangent) {
+        let _ = (change, tangent);
+    }
+
     /// Norm of the external forces at `u` \[mN\], for the tolerance.
     fn external_force(&self) -> f64;
 
@@ -212,6 +221,10 @@ pub fn solve(
             halvings += 1;
         }
         report.halvings += halvings;
+        if settings.foresee_pressures {
+            step.iter_mut().for_each(|x| *x *= share);
+            system.foresee(&mut step, &workspace.tangent);
+        }
         u.copy_from_slice(&trial);
     }
 }

@@ -84,6 +84,10 @@ struct AtLoad<'a, 'b> {
     load: f64,
     active: Vec<ActivePoint>,
     deformation: Deformation,
+    /// Nodal pressures \[kPa\] and their slopes at the last linearisation.
+    linearised: (Vec<f64>, Vec<f64>),
+    /// Nodal pressures that the last iteration foresaw; empty for none.
+    foreseen_kpa: Vec<f64>,
     external: f64,
 }
 
@@ -140,8 +144,18 @@ impl System for AtLoad<'_, '_> {
 
     fn linearise(&mut self, u: &mut [f64], r: &mut [f64], tangent: &mut Tangent) {
         self.deform(u);
+        self.linearised = (self.deformation.nodal_pressure.clone(), self.deformation.nodal_slope.clone());
+        let body = self.problem.body;
         r.fill(0.0);
-        self.problem.body.tangent(u, &self.active, &self.deformation, r, tangent);
+        if self.foreseen_kpa.is_empty() {
+            body.tangent(u, &self.active, &self.deformation, r, tangent);
+        } else {
+            std::mem::swap(&mut self.deformation.nodal_pressure, &mut self.foreseen_kpa);
+            body.tangent(u, &self.active, &self.deformation, r, tangent);
+            std::mem::swap(&mut self.deformation.nodal_pressure, &mut self.foreseen_kpa);
+            r.fill(0.0);
+            body.add_forces(u, &self.active, &self.deformation, r);
+        }
         self.add_loads(u, r);
         let reference = self.problem.body.reference();
         for (surface, pressure) in &self.problem.pressures {
@@ -152,6 +166,13 @@ impl System for AtLoad<'_, '_> {
         }
         let mean = tangent.mean_diagonal(self.space());
         tangent.constrain(&self.problem.fixed, mean);
+    }
+
+    fn foresee(&mut self, change: &mut [f64], tangent: &Tangent) {
+        let volumes = tangent.vertex_volumes(self.space(), change);
+        let (pressures, slopes) = &self.linearised;
+        let foreseen = pressures.iter().zip(slopes).zip(volumes).map(|((p, slope), volume)| p + slope * volume);
+        self.foreseen_kpa = foreseen.collect();
     }
 
     fn external_force(&self) -> f64 {
@@ -180,6 +201,8 @@ pub fn load(problem: &StaticProblem<'_>, u: &mut Vec<f64>, steps: &LoadSteps) ->
             load: target,
             active: problem.active.iter().map(|a| scaled(a, target)).collect(),
             deformation: Deformation::default(),
+            linearised: (vec![], vec![]),
+            foreseen_kpa: vec![],
             external: 0.0,
         };
         let mut trial =

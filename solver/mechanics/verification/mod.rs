@@ -6,5 +6,8 @@ pub mod beat;
 pub mod land_cube;
 pub mod meshes;
 pub mod motion;
+pub mod patches;
 pub mod problems;
 pub mod sphere;
+pub mod symmetric;
+pub mod volume_trials;

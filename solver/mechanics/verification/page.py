@@ -151,7 +151,7 @@ def land(page):
         "Proc R Soc A 471:20150641. A cohort's element is the one that `solver.finite_element.element` has by default; linear pointwise is the plain",
         "P1/P0, nodal that with averaged volume change ([elements](mechanics.md#elements)). Bulk modulus 1,000 kPa, in problem 2 10,000 kPa, because under 10 kPa",
         "the wall itself would grow by per cents. The error in a picture is the larger of the two apices'. Plain P1 is the one that needs",
-        "millions of unknowns: it locks. Problem 3 is singular at the endocardial apex: its linear elements are not on the way to a limit yet.",
+        "millions of unknowns: it locks. Problem 3 is singular at the endocardial apex.",
         "",
         picture,
         "",

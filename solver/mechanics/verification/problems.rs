@@ -1,7 +1,7 @@
 //! The static problems of the verification: Land et al. 2015, Proc R Soc A 471:20150641, problems 1 to 3, and a thick
 //! neo-Hookean sphere with a closed form.
 
-use cardiotwin_mechanics::body::{Body, BodyInput};
+use cardiotwin_mechanics::body::{Body, BodyInput, Deformation};
 use cardiotwin_mechanics::boundary::PressureSurface;
 use cardiotwin_mechanics::element::batch::Frame;
 use cardiotwin_mechanics::element::kernel::{ActivePoint, VolumeChange};
@@ -53,6 +53,8 @@ pub struct Problem {
     pub first_step: f64,
     /// How many copies of the mesh make the whole body.
     pub copies: f64,
+    /// Nodes along each direction of a mesh that is a grid, the last one the fastest.
+    pub grid: Option<[usize; 3]>,
 }
 
 /// A solved problem.
@@ -62,6 +64,8 @@ pub struct Solution {
     pub report: StaticReport,
     pub cavity_mm3: f64,
     pub n_tets: usize,
+    /// Mean pressure of each element \[kPa\].
+    pub pressure_kpa: Vec<f64>,
 }
 
 impl Solution {
@@ -85,6 +89,16 @@ impl Problem {
     }
 
     pub fn solve_with(&self, element: Element, steps: &LoadSteps) -> Result<Solution, Box<dyn std::error::Error>> {
+        self.solve_from(element, steps, vec![])
+    }
+
+    /// As [`Self::solve_with`], from a displacement at the nodes; from rest where it is empty.
+    pub fn solve_from(
+        &self,
+        element: Element,
+        steps: &LoadSteps,
+        mut displacement: Vec<f64>,
+    ) -> Result<Solution, Box<dyn std::error::Error>> {
         let tissue_of = vec![0; self.mesh.tets.len()];
         let side = &self.mesh.sides[self.pressure.0];
         let (nodes, body, surface) = if element.quadratic {
@@ -111,10 +125,60 @@ impl Problem {
             prescribed: vec![],
             active: if self.active_kpa == 0.0 { vec![] } else { vec![active; body.n_point_batches()] },
         };
-        let mut displacement = vec![0.0; 3 * nodes.len()];
+        displacement.resize(3 * nodes.len(), 0.0);
         let report = load(&problem, &mut displacement, steps)?;
         let cavity_mm3 = self.copies * surface.volume(self.about, body.reference(), &displacement);
-        Ok(Solution { nodes, displacement, report, cavity_mm3, n_tets: self.mesh.tets.len() })
+        let pressure_kpa = self.element_pressures(&body, element, &displacement);
+        Ok(Solution { nodes, displacement, report, cavity_mm3, n_tets: self.mesh.tets.len(), pressure_kpa })
+    }
+
+    /// The displacement of a solution on a coarser grid of linear elements, between its nodes; `None` where either is no grid.
+    pub fn interpolated(&self, coarse: &Self, solution: &Solution) -> Option<Vec<f64>> {
+        let (to, from) = (self.grid?, coarse.grid?);
+        let mut out = Vec::with_capacity(3 * self.mesh.nodes.len());
+        for node in 0..self.mesh.nodes.len() {
+            let place = [node / (to[1] * to[2]), node / to[2] % to[1], node % to[2]];
+            // The cell's first corner and the way along its edges.
+            let along: [(usize, f64); 3] = std::array::from_fn(|d| {
+                let x = (place[d] * (from[d] - 1)) as f64 / (to[d] - 1) as f64;
+                let low = (x as usize).min(from[d] - 2);
+                (low, x - low as f64)
+            });
+            let mut sum = [0.0; 3];
+            for corner in 0..8 {
+                let (mut k, mut weight) = (0, 1.0);
+                for (d, (low, share)) in along.into_iter().enumerate() {
+                    let high = corner >> d & 1;
+                    k = k * from[d] + low + high;
+                    weight *= if high == 1 { share } else { 1.0 - share };
+                }
+                (0..3).for_each(|i| sum[i] += weight * solution.displacement[3 * k + i]);
+            }
+            out.extend(sum);
+        }
+        Some(out)
+    }
+
+    /// Mean of `U'(J)` of each element, as its integration points see it \[kPa\].
+    fn element_pressures(&self, body: &Body, element: Element, displacement: &[f64]) -> Vec<f64> {
+        let mut deformation = Deformation::default();
+        body.deform(displacement, &SingleProcess, &mut deformation);
+        let Volumetric { law, kappa_kpa } = self.tissue.volumetric;
+        let mut sums = vec![[0.0; 2]; self.mesh.tets.len()];
+        for (idx, ratios) in deformation.volume_ratio.iter().enumerate() {
+            let (n_lanes, elements) = body.point_lanes(idx);
+            for lane in 0..n_lanes {
+                let e = elements[lane] as usize;
+                let nodal = (self.mesh.tets[e].iter().zip(body.vertex_shape(idx)))
+                    .map(|(v, share)| share * deformation.nodal_pressure.get(*v as usize).unwrap_or(&0.0))
+                    .sum::<f64>();
+                let own = element.volume.pointwise() * kappa_kpa * law.slopes(ratios[lane]).0;
+                let volume = body.point_volume(idx)[lane];
+                sums[e][0] += volume * (nodal + own);
+                sums[e][1] += volume;
+            }
+        }
+        sums.iter().map(|[pressure, volume]| pressure / volume).collect()
     }
 
     fn input<'a, const N: usize>(
@@ -166,6 +230,7 @@ pub fn beam(n: usize, kappa_kpa: f64) -> Problem {
         about: [0.0; 3],
         first_step: 0.25,
         copies: 1.0,
+        grid: Some([4 * n + 1, n + 1, n + 1]),
     }
 }
 
@@ -268,6 +333,7 @@ fn ventricle(
         about: [0.0, 0.0, 5.0],
         first_step: first,
         copies: if quarter { 4.0 } else { 1.0 },
+        grid: None,
     }
 }
 
@@ -313,5 +379,6 @@ pub fn sphere(n: usize, layers: usize, pressure: f64, kappa_kpa: f64) -> Problem
         about: [0.0; 3],
         first_step: 0.25,
         copies: 8.0,
+        grid: None,
     }
 }
