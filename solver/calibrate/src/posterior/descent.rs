@@ -101,13 +101,15 @@ impl<Q> Descent<'_, Q> {
     }
 
     /// The damped step from `u`, and what it promises to gain; none where its matrix has no factor.
-    fn step(&self, u: &[f64], residuals: &[f64], jacobian: &DMatrix<f64>, damping: f64) -> Option<(DVector<f64>, f64)> {
+    pub(super) fn step(&self, u: &[f64], residuals: &[f64], jacobian: &DMatrix<f64>, damping: f64) -> Option<(DVector<f64>, f64)> {
         let (data, prior) = self.parts(u, residuals);
         let hessian = DMatrix::identity(u.len(), u.len()) + jacobian.tr_mul(jacobian);
         let damped = &hessian + DMatrix::from_diagonal(&(hessian.diagonal() * damping));
         let slope = jacobian.tr_mul(&data) + prior;
         let mut step = -damped.cholesky()?.solve(&slope);
-        step *= (LONGEST / step.amax()).min(1.0);
+        if damping > 0.0 {
+            step *= (LONGEST / step.amax()).min(1.0);
+        }
         let gain = -slope.dot(&step) - 0.5 * step.dot(&(&hessian * &step));
         Some((step, gain))
     }

@@ -8,6 +8,9 @@ use super::descent::{Aim, Descent, Mode};
 use crate::normal::quantile;
 use crate::random::{Purpose, generator};
 
+/// Halvings of the way from the mode to where a linear model would have a draw.
+const HALVINGS: i32 = 6;
+
 /// A draw.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Draw<Q> {
@@ -28,8 +31,10 @@ pub fn draw<Q>(target: &Target<'_, Q>, mode: &Mode, seed: u64, index: u64, max_s
     let prior = deviates(&mut generator, mode.u.len());
     let errors = deviates(&mut generator, mode.residuals.len());
     let mut descent = Descent { target, aim: Aim { errors, prior }, evaluations: 0 };
-    let found = descent.at(&mode.u)?;
-    let end = descent.from(mode.u.clone(), found, Some(mode.jacobian.clone()), max_steps)?;
+    let (step, _) = descent.step(&mode.u, &mode.residuals, &mode.jacobian, 0.0)?;
+    let part = |share: f64| -> Vec<f64> { mode.u.iter().zip(&step).map(|(u, s)| u + s * share).collect() };
+    let (u, found) = (0..HALVINGS).map(|halvings| part(0.5_f64.powi(halvings))).find_map(|u| Some((u.clone(), descent.at(&u)?)))?;
+    let end = descent.from(u, found, None, max_steps)?;
     let Descent { evaluations, .. } = descent;
     Some(Draw { u: end.u, seen: end.found.seen, converged: end.converged, evaluations })
 }
