@@ -120,7 +120,9 @@ impl Cohort {
         Self::of(&PATIENTS, settings)
     }
 
+    /// At the end of the file, so that lines keep their numbers.
     fn of(patients: &[&str], settings: &str) -> Self {
+        const FEW_DRAWS: &str = "\n[posterior]\ndraws = 40\n";
         let folder = tempfile::tempdir().expect("a temporary folder");
         let bundled = Path::new(env!("CARGO_MANIFEST_DIR")).join("../examples/coa-seven/patients");
         for id in patients {
@@ -131,7 +133,8 @@ impl Cohort {
             }
         }
         let head = "name = \"two\"\nsolver.fidelity = \"reduced\"\n";
-        std::fs::write(folder.path().join("cohort.toml"), format!("{head}{}", settings.trim_start())).unwrap();
+        std::fs::write(folder.path().join("cohort.toml"), format!("{head}{}{FEW_DRAWS}", settings.trim_start()))
+            .unwrap();
         Self { folder }
     }
 

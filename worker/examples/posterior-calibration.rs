@@ -1,6 +1,6 @@
 //! How often the posterior's 90 % intervals hold the true values of simulated patients.
 //!
-//! `posterior-calibration PATIENTS SPEC…`: each specification of a task `posterior` (`attempts/*/*/spec.json` of a run) lends
+//! `posterior-calibration FIRST PATIENTS SPEC…`: each specification of a task `posterior` (`attempts/*/*/spec.json` of a run) lends
 //! its heart, its loads, its noise and its prior. The truth of a patient is a draw of that prior whose beat is a heart's; its
 //! traces get noise as the file states it. The task that a run would do gets them and nothing else. Beats of its draws under
 //! other loads, in their periodic states, are compared with the truth's. Lines go to stdout, a table to stderr at the end.
@@ -33,11 +33,12 @@ const PERIODIC: BeatCount = BeatCount::Periodic { max: 30, tolerance: 0.1 };
 
 fn main() -> anyhow::Result<()> {
     let mut arguments = std::env::args().skip(1);
-    let n: usize = arguments.next().context("how many patients?")?.parse()?;
+    let mut number = |what| -> anyhow::Result<usize> { Ok(arguments.next().context(what)?.parse()?) };
+    let (first, n) = (number("the first patient's number?")?, number("how many patients?")?);
     let hearts: Vec<PosteriorSpec> = arguments.map(|path| heart(&path)).collect::<anyhow::Result<_>>()?;
     let threads = std::thread::available_parallelism().map_or(1, |n| n.get() as u32);
     let mut counts: BTreeMap<String, [usize; 2]> = BTreeMap::new();
-    for patient in 0..n {
+    for patient in first..first + n {
         let heart = hearts.get(patient % hearts.len().max(1)).context("no specification was named")?;
         let mut generator = Pcg64::seed_from_u64(20_261_125 + patient as u64);
         let (spec, truth) = simulated(heart, &mut generator)?;

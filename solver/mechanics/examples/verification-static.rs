@@ -117,7 +117,7 @@ fn main() {
             );
         }
         Some("inflation") => {
-            let sizes = sizes(&[(4, 2), (6, 3), (8, 4)], &[(16, 8), (32, 16)], &[(2, 1), (3, 2), (4, 2), (6, 2)]);
+            let sizes = sizes(&[(4, 2), (6, 3), (8, 4)], &[(16, 8), (36, 18)], &[(2, 1), (3, 2), (4, 2), (6, 2)]);
             table(sizes, |n, layers| inflation(n, layers, INFLATION_KPA), apices);
         }
         Some("contraction") => {

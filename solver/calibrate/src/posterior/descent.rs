@@ -16,7 +16,7 @@ const GAIN: f64 = 0.1;
 /// It ends, too, where so many tries …
 const TRIES: usize = 8;
 /// … have gained less together: a posterior's typical points lie n/2 above its mode.
-const GAIN_OF_TRIES: f64 = 0.3;
+const GAIN_OF_TRIES: f64 = 0.6;
 /// Damping at first, over the curvature of the prior.
 const DAMPING: f64 = 0.1;
 /// Largest damping: a descent that would need more has no way to go.
@@ -101,7 +101,13 @@ impl<Q> Descent<'_, Q> {
     }
 
     /// The damped step from `u`, and what it promises to gain; none where its matrix has no factor.
-    pub(super) fn step(&self, u: &[f64], residuals: &[f64], jacobian: &DMatrix<f64>, damping: f64) -> Option<(DVector<f64>, f64)> {
+    pub(super) fn step(
+        &self,
+        u: &[f64],
+        residuals: &[f64],
+        jacobian: &DMatrix<f64>,
+        damping: f64,
+    ) -> Option<(DVector<f64>, f64)> {
         let (data, prior) = self.parts(u, residuals);
         let hessian = DMatrix::identity(u.len(), u.len()) + jacobian.tr_mul(jacobian);
         let damped = &hessian + DMatrix::from_diagonal(&(hessian.diagonal() * damping));

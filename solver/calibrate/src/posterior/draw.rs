@@ -24,7 +24,8 @@ pub struct Draw<Q> {
     pub evaluations: usize,
 }
 
-/// The draw of a seed and an index: a descent from the mode. None where its matrices have no factors.
+/// The draw of a seed and an index: a descent from where a linear model would have it, or from nearer to the mode where the
+/// model has no answer there. Begun at the mode itself, descents end too near to it. None where their matrices have no factors.
 #[must_use]
 pub fn draw<Q>(target: &Target<'_, Q>, mode: &Mode, seed: u64, index: u64, max_steps: usize) -> Option<Draw<Q>> {
     let mut generator = generator(seed, Purpose::Posterior, [index, 0]);
@@ -33,7 +34,8 @@ pub fn draw<Q>(target: &Target<'_, Q>, mode: &Mode, seed: u64, index: u64, max_s
     let mut descent = Descent { target, aim: Aim { errors, prior }, evaluations: 0 };
     let (step, _) = descent.step(&mode.u, &mode.residuals, &mode.jacobian, 0.0)?;
     let part = |share: f64| -> Vec<f64> { mode.u.iter().zip(&step).map(|(u, s)| u + s * share).collect() };
-    let (u, found) = (0..HALVINGS).map(|halvings| part(0.5_f64.powi(halvings))).find_map(|u| Some((u.clone(), descent.at(&u)?)))?;
+    let shares = (0..HALVINGS).map(|halvings| 0.5_f64.powi(halvings)).chain([0.0]);
+    let (u, found) = shares.map(part).find_map(|u| descent.at(&u).map(|found| (u, found)))?;
     let end = descent.from(u, found, None, max_steps)?;
     let Descent { evaluations, .. } = descent;
     Some(Draw { u: end.u, seen: end.found.seen, converged: end.converged, evaluations })
