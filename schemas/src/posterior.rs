@@ -51,7 +51,7 @@ pub struct PosteriorSpec {
     pub twin: TwinBeat,
     /// What is uncertain, with its prior.
     pub parameters: BTreeMap<String, MovedParameter>,
-    /// Measured biomarkers: each counts where its trace was not measured.
+    /// Measured biomarkers: rates of pressure count, others where their trace was not measured.
     pub measured: Biomarkers,
     /// Measured traces.
     pub samples: BeatSamples,

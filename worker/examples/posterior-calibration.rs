@@ -2,7 +2,7 @@
 //!
 //! `posterior-calibration FIRST PATIENTS SPEC…`: each specification of a task `posterior` (`attempts/*/*/spec.json` of a run) lends
 //! its heart, its loads, its noise and its prior. The truth of a patient is a draw of that prior whose beat is a heart's; its
-//! traces get noise as the file states it. The task that a run would do gets them and nothing else. Beats of its draws under
+//! traces get noise as the file states it, its measured rates of pressure an error of `step3.uncertainty_percent`. The task that a run would do gets them and nothing else. Beats of its draws under
 //! other loads, in their periodic states, are compared with the truth's. Lines go to stdout, a table to stderr at the end.
 
 use std::collections::BTreeMap;
@@ -141,7 +141,15 @@ fn simulated(heart: &PosteriorSpec, generator: &mut Pcg64) -> anyhow::Result<(Po
         let noise = TraceNoise::of(&heart.noise);
         let samples = noisy(&truth.samples, &noise, heart.beat.cycle_length_ms, generator);
         let twin = TwinBeat { parameters, biomarkers: truth.biomarkers, samples: truth.samples.clone() };
-        return Ok((PosteriorSpec { twin, samples, measured: truth.biomarkers, ..heart.clone() }, truth));
+        let mut measured = truth.biomarkers;
+        for (name, place) in [
+            ("dPdt_max_mmHg_per_ms", &mut measured.dpdt_max_mmhg_per_ms),
+            ("dPdt_min_mmHg_per_ms", &mut measured.dpdt_min_mmhg_per_ms),
+        ] {
+            let percent = heart.uncertainty_percent.get(name).copied().unwrap_or_default();
+            *place = place.map(|value| value * (1.0 + 0.01 * percent * normal(generator)));
+        }
+        return Ok((PosteriorSpec { twin, samples, measured, ..heart.clone() }, truth));
     }
     Err(anyhow!("no draw of the prior is a heart's"))
 }

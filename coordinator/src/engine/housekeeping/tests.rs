@@ -267,7 +267,7 @@ async fn a_purged_file_is_made_again_only_where_somebody_reads_it() {
     let (summary, submitted) = bench.run().await;
     assert_eq!(summary.done, 1);
     // The beat whose traces the targets read; neither step 0 nor the other iterations.
-    assert_eq!(submitted, ["organ-beat", "targets", "cell-fit", "organ-beat"]);
+    assert_eq!(submitted, ["organ-beat", "targets", "cell-fit", "organ-beat", "posterior"]);
     let after = best(bench.patient("P1").await);
     assert_eq!((&after.key, after.generation), (&before.key, before.generation + 1));
 

@@ -134,17 +134,18 @@ async fn the_whole_chain_is_walked_once_and_leaves_record_and_overlay() {
     let (summary, submitted) = bench.run().await;
     assert_eq!((summary.done, summary.failed, summary.stopped), (1, 0, false));
     assert_eq!(submitted[0], "passive-state");
-    assert_eq!(submitted[submitted.len() - 3..], ["targets", "cell-fit", "organ-beat"]);
+    assert_eq!(submitted[submitted.len() - 4..], ["targets", "cell-fit", "organ-beat", "posterior"]);
     let record = bench.patient("P1").await;
     let step1 = record.step1.unwrap();
     assert_eq!(step1.quality, Step1Quality::Converged);
-    assert_eq!(record.iterations.len(), submitted.len() - 4);
+    assert_eq!(record.iterations.len(), submitted.len() - 5);
     assert_eq!(step1.best_iteration as usize, record.iterations.len());
     assert!(step1.cost <= 1e-3 && record.iterations[0].cost.unwrap() > 0.1);
     for (found, truth) in step1.parameters.updated().into_iter().zip(scripted::TRUTH) {
         assert!((found / truth - 1.0).abs() < 0.1, "{found} for {truth}");
     }
     assert!(record.verification_cost.unwrap() < 0.01);
+    assert_eq!(record.posterior.expect("a posterior").result.draws.len(), 1);
     assert!(record.verification.is_some() && record.targets.is_some() && record.step0.is_some());
     let first = &record.iterations[0].relative_differences;
     assert!(first["P_max_mmHg"] < 0.0, "simulated below measured is negative: {first:?}");
@@ -164,7 +165,7 @@ async fn space_mapping_asks_for_a_proposal_before_each_simulation_and_goes_on_af
     let bench = Bench::new(vec![patient]);
     let (summary, submitted) = bench.run().await;
     assert_eq!(summary.done, 1);
-    let step1 = &submitted[1..submitted.len() - 3];
+    let step1 = &submitted[1..submitted.len() - 4];
     // The last proposal may promise too little to be simulated.
     assert!(
         step1.len() >= 4 && step1.chunks(2).all(|pair| ["step1-proposal", "organ-beat"].starts_with(pair)),
@@ -420,7 +421,7 @@ async fn a_request_reaches_a_running_coordinator_and_cancels_its_work() {
     retry(bench.path(), &"P2".into()).await.unwrap();
     let (summary, submitted) = bench.run().await;
     assert_eq!((summary.cancelled, summary.done), (1, 1));
-    assert_eq!(submitted, ["cell-fit", "organ-beat"]);
+    assert_eq!(submitted, ["cell-fit", "organ-beat", "posterior"]);
 }
 
 #[tokio::test]

@@ -16,7 +16,7 @@ const GAIN: f64 = 0.1;
 /// It ends, too, where so many tries …
 const TRIES: usize = 8;
 /// … have gained less together: a posterior's typical points lie n/2 above its mode.
-const GAIN_OF_TRIES: f64 = 0.6;
+const GAIN_OF_TRIES: f64 = 0.3;
 /// Damping at first, over the curvature of the prior.
 const DAMPING: f64 = 0.1;
 /// Largest damping: a descent that would need more has no way to go.
@@ -38,11 +38,16 @@ pub struct Mode {
 }
 
 impl Mode {
+    /// Half the sum of squares of the residuals and of the standard coordinates.
+    #[must_use]
+    pub fn height(&self) -> f64 {
+        0.5 * self.residuals.iter().chain(&self.u).map(|v| v * v).sum::<f64>()
+    }
+
     /// Sum of squares that data and prior leave, over its expected value: about 1 where model, prior and errors are right.
     #[must_use]
     pub fn left(&self) -> f64 {
-        let squares = self.residuals.iter().chain(&self.u).map(|v| v * v).sum::<f64>();
-        squares / self.residuals.len().max(1) as f64
+        2.0 * self.height() / self.residuals.len().max(1) as f64
     }
 }
 

@@ -3,7 +3,7 @@
 //! The errors of each trace are Gaussian. Its noise is what the patient's file states: of the pressure with an exponential
 //! correlation, of the volume independent in each frame. What the twin's beat misses beyond that is an error of the model, of
 //! a longer correlation time (Kennedy and O'Hagan 2001, J. R. Stat. Soc. B 63:425). A trace that was not measured is replaced
-//! by its measured biomarkers.
+//! by its measured biomarkers. The rates of pressure, which last shorter than samples lie apart, count in either case.
 
 use cardiotwin_calibrate::posterior::TraceErrors;
 use cardiotwin_schemas::biomarkers::Biomarkers;
@@ -60,7 +60,12 @@ impl Likelihood {
             own + of_model(deviations.volume_discrepancy_ml, apart)
         });
         let is_of_volume = |name: &str| ["SV_mL", "tau_VD_ms", "tau_VR_ms"].contains(&name);
-        let counts = |name: &str| if is_of_volume(name) { volume.is_none() } else { pressure.is_none() };
+        // A fortieth of a cycle says nothing of the steepest rates, which last some milliseconds.
+        let is_rate = |name: &str| name.starts_with("dPdt");
+        let counts = |name: &str| match is_of_volume(name) {
+            true => volume.is_none(),
+            false => pressure.is_none() || is_rate(name),
+        };
         let biomarkers = spec.measured.of_organ().into_iter().filter_map(|(name, value)| {
             let percent = spec.uncertainty_percent.get(name)?;
             counts(name).then_some((name, value?, percent / 100.0))
