@@ -2,7 +2,7 @@
 //!
 //! Samples of pressure and volume are the twin's own, moved by what the one-fibre ventricle says of other parameters; so are
 //! biomarkers, by its ratios. Errors of the data are the noise that the patient's file states and, beyond it, what the
-//! twin's beat misses of the traces: [`likelihood`]. Draws are made by [`cardiotwin_calibrate::posterior`].
+//! twin's beat misses of the traces. Draws are made by [`cardiotwin_calibrate::posterior`].
 
 mod likelihood;
 mod summary;
