@@ -46,7 +46,7 @@ fn a_linear_model_has_the_posterior_of_the_closed_form() {
     let left = mode(&target, &[0.0, 0.0], 30).expect("a mode").left();
     assert!((left - 1.0 / 2.01).abs() < 1e-3, "{left}");
     // χ² of one degree of freedom has a long tail.
-    assert!(draws.iter().filter(|draw| draw.converged).count() > 1950);
+    assert!(draws.iter().filter(|draw| draw.converged).count() > 1850);
 }
 
 #[test]
