@@ -186,9 +186,9 @@ fn picture(spread: &ParameterSpread) -> Markup {
     };
     let ((prior, prior_width), (own, own_width)) = (bar(&spread.prior), bar(&spread.posterior));
     html! {
-        svg.interval viewBox={ "0 0 " (width) " " (height) } width=(width) height=(height) aria-hidden="true" {
+        svg.of-prior viewBox={ "0 0 " (width) " " (height) } width=(width) height=(height) aria-hidden="true" {
             rect.prior x=(round(prior)) y="3" width=(round(prior_width)) height="8" {}
-            rect.own class=(class(spread.mark)) x=(round(own)) y="3" width=(round(own_width)) height="8" {}
+            rect class={ "own " (class(spread.mark)) } x=(round(own)) y="3" width=(round(own_width)) height="8" {}
             circle.twin cx=(round(place(spread.twin))) cy="7" r="3" {}
         }
     }
