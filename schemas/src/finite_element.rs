@@ -121,7 +121,7 @@ pub struct WallSettings {
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct SurfaceSpring {
-    /// Springs.
+    /// Stiffness along the normal.
     #[serde(rename = "spring_kPa_per_mm")]
     pub spring_kpa_per_mm: f64,
     /// Dashpots beside them.
@@ -370,7 +370,7 @@ pub struct OwnRightVentricle {
 pub enum RightPressureSpec {
     /// The same at all times.
     Constant {
-        /// Pressure.
+        /// Pressure at all times.
         #[serde(rename = "pressure_mmHg")]
         pressure_mmhg: f64,
     },

@@ -20,7 +20,7 @@ use crate::task::{
     TaskSpec,
 };
 
-/// Proposals and chains of all patients draw the same: the data make the difference.
+/// Proposals and posteriors of all patients draw the same: the data make the difference.
 const PROPOSAL_SEED: u64 = 1;
 
 /// Which chain of tasks a patient runs through.
@@ -137,6 +137,12 @@ impl ResolvedPatient {
         }
     }
 
+    /// A beat for a task that searches: the one-fibre ventricle stands for the simulated one.
+    fn in_search(&self, step0: &PassiveStateResult, beat: OrganBeatSpec) -> OrganBeatSpec {
+        let newton_iterations = self.settings.solver.newton_iterations;
+        OrganBeatSpec { organ: step0.organ.clone(), newton_iterations, finite_element: None, ..beat }
+    }
+
     /// What to simulate next in step 1, by space mapping.
     ///
     /// - `start`: the initial guess
@@ -150,10 +156,8 @@ impl ResolvedPatient {
         let Settings { solver, step1, .. } = &self.settings;
         let contraction = ContractionSpec::Tanh { parameters: start.tanh };
         let beat = self.beat_spec(step0, contraction, start.valves, BeatCount::Fixed { n: solver.beats });
-        let newton_iterations = solver.newton_iterations;
         Step1ProposalSpec {
-            // The one-fibre ventricle proposes, whichever is simulated.
-            beat: OrganBeatSpec { organ: step0.organ.clone(), newton_iterations, finite_element: None, ..beat },
+            beat: self.in_search(step0, beat),
             measured: step0.measured,
             runs,
             bounds: step1.bounds.clone(),
@@ -174,17 +178,16 @@ impl ResolvedPatient {
         cell: &CellInOrgan,
         runs: Vec<Step3Run>,
     ) -> Step3ProposalSpec {
-        let Settings { solver, step3, .. } = &self.settings;
+        let step3 = &self.settings.step3;
         let CellInOrgan { beat, step1 } = cell.clone();
-        let newton_iterations = solver.newton_iterations;
         Step3ProposalSpec {
             parameters: step3.moved(&beat.valves),
-            beat: OrganBeatSpec { organ: step0.organ.clone(), newton_iterations, finite_element: None, ..beat },
+            traces: step3.traces(step0, beat.cycle_length_ms),
+            beat: self.in_search(step0, beat),
             measured: step0.measured,
             runs,
             step1,
             uncertainty_percent: step3.uncertainty_percent.clone(),
-            traces: step3.traces(step0, beat.cycle_length_ms),
             seed: PROPOSAL_SEED,
         }
     }
@@ -194,12 +197,11 @@ impl ResolvedPatient {
     /// - `cell`: what step 3 begins with
     #[must_use]
     pub fn posterior_spec(&self, step0: &PassiveStateResult, cell: &CellInOrgan, twin: TwinBeat) -> PosteriorSpec {
-        let Settings { solver, step3, posterior, .. } = &self.settings;
+        let Settings { step3, posterior, .. } = &self.settings;
         let beat = cell.beat.with_parameters(&twin.parameters);
-        let newton_iterations = solver.newton_iterations;
         PosteriorSpec {
             parameters: step3.moved(&cell.beat.valves),
-            beat: OrganBeatSpec { organ: step0.organ.clone(), newton_iterations, finite_element: None, ..beat },
+            beat: self.in_search(step0, beat),
             twin,
             measured: step0.measured,
             samples: step0.samples.clone(),

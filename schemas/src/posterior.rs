@@ -53,9 +53,9 @@ pub struct PosteriorSpec {
     pub parameters: BTreeMap<String, MovedParameter>,
     /// Measured biomarkers: rates of pressure count, others where their trace was not measured.
     pub measured: Biomarkers,
-    /// Measured traces.
+    /// Measured pressure and volume, at the times of the twin's.
     pub samples: BeatSamples,
-    /// Their noise.
+    /// What the patient's file states of their noise.
     pub noise: Noise,
     /// Standard deviation of measured biomarkers, percent.
     pub uncertainty_percent: BTreeMap<String, f64>,
@@ -194,7 +194,7 @@ pub struct Deviations {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PosteriorResult {
-    /// By parameter.
+    /// What is known of each parameter, by name.
     pub parameters: BTreeMap<String, ParameterSpread>,
     /// By biomarker of the organ.
     pub biomarkers: BTreeMap<String, Spread>,

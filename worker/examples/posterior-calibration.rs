@@ -8,10 +8,9 @@
 use std::collections::BTreeMap;
 
 use anyhow::{Context as _, anyhow};
-use cardiotwin_calibrate::Interval;
 use cardiotwin_calibrate::normal::quantile;
-use cardiotwin_calibrate::posterior::{TruncatedNormal, quantile_of};
-use cardiotwin_calibrate::space_mapping::Prior;
+use cardiotwin_calibrate::posterior::TruncatedNormal;
+use cardiotwin_calibrate::statistics::quantile_of;
 use cardiotwin_schemas::organ::{BeatCount, OrganSpec};
 use cardiotwin_schemas::outcome::{Determination, OrganBeatResult, TaskResult};
 use cardiotwin_schemas::posterior::{PosteriorSpec, TraceNoise, TwinBeat};
@@ -20,7 +19,7 @@ use cardiotwin_schemas::task::{OrganBeatSpec, TaskSpec};
 use cardiotwin_worker::context::Context;
 use cardiotwin_worker::tasks::organ_beat::reduced_beat;
 use cardiotwin_worker::tasks::posterior;
-use cardiotwin_worker::tasks::proposal::axes::is_sensitive;
+use cardiotwin_worker::tasks::proposal::axes::{Axis, axes, is_sensitive, named};
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64;
 
@@ -118,18 +117,11 @@ fn normal(generator: &mut Pcg64) -> f64 {
 
 /// A patient of a heart's prior with noisy traces, and the truth's beat.
 fn simulated(heart: &PosteriorSpec, generator: &mut Pcg64) -> anyhow::Result<(PosteriorSpec, OrganBeatResult)> {
-    let axes: Vec<(&String, f64, TruncatedNormal)> = (heart.parameters.iter())
-        .map(|(name, moved)| {
-            let [a, b, centre] = [moved.lower, moved.upper, moved.centre].map(|value| value.abs().ln());
-            let prior = Prior { centre, width: moved.log_sd };
-            (name, moved.upper.signum(), TruncatedNormal::new(prior, Interval::new(a.min(b), a.max(b))))
-        })
-        .collect();
+    let axes = axes(&heart.parameters);
+    let prior: Vec<TruncatedNormal> = axes.iter().map(Axis::truncated).collect();
     for _ in 0..100_000 {
-        let draw = |(name, sign, prior): &(&String, f64, TruncatedNormal), generator: &mut Pcg64| {
-            ((*name).clone(), sign * prior.from_standard(normal(generator)).exp())
-        };
-        let parameters: BTreeMap<String, f64> = axes.iter().map(|axis| draw(axis, generator)).collect();
+        let drawn: Vec<f64> = prior.iter().map(|prior| prior.from_standard(normal(generator))).collect();
+        let parameters = named(&axes, &drawn);
         let beat = heart.beat.with_parameters(&parameters);
         let Some(truth) = one(&beat).filter(|_| is_sensitive(&beat)) else { continue };
         let (b, whole) = (&truth.biomarkers, truth.biomarkers.of_organ().iter().all(|(_, value)| value.is_some()));

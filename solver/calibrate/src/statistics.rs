@@ -33,6 +33,17 @@ pub fn median(values: &[f64]) -> f64 {
     }
 }
 
+/// The value below which this share of values lies, interpolated between two of them; not a number for an empty slice.
+///
+/// - `sorted`: values in ascending order
+#[must_use]
+pub fn quantile_of(sorted: &[f64], share: f64) -> f64 {
+    let Some(last) = sorted.len().checked_sub(1) else { return f64::NAN };
+    let position = share * last as f64;
+    let (low, rest) = (position.floor() as usize, position.fract());
+    sorted[low] + rest * (sorted[(low + 1).min(last)] - sorted[low])
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -29,7 +29,7 @@ const KEPT: [f64; 2] = [0.25, 0.75];
 pub struct Mode {
     /// Standard coordinates.
     pub u: Vec<f64>,
-    /// Residuals there.
+    /// Residuals at the mode.
     pub(super) residuals: Vec<f64>,
     /// Derivatives of the residuals, shape (residuals, parameters).
     pub(super) jacobian: DMatrix<f64>,
@@ -105,27 +105,27 @@ impl<Q> Descent<'_, Q> {
         0.5 * (data.norm_squared() + prior.norm_squared())
     }
 
-    /// The damped step from `u`, and what it promises to gain; none where its matrix has no factor.
+    /// The damped step from `u`, cut where it changes a coordinate by more than `longest`, and what it promises to gain; none
+    /// where its matrix has no factor.
     pub(super) fn step(
         &self,
         u: &[f64],
         residuals: &[f64],
         jacobian: &DMatrix<f64>,
         damping: f64,
+        longest: f64,
     ) -> Option<(DVector<f64>, f64)> {
         let (data, prior) = self.parts(u, residuals);
         let hessian = DMatrix::identity(u.len(), u.len()) + jacobian.tr_mul(jacobian);
         let damped = &hessian + DMatrix::from_diagonal(&(hessian.diagonal() * damping));
         let slope = jacobian.tr_mul(&data) + prior;
         let mut step = -damped.cholesky()?.solve(&slope);
-        if damping > 0.0 {
-            step *= (LONGEST / step.amax()).min(1.0);
-        }
+        step *= (longest / step.amax()).min(1.0);
         let gain = -slope.dot(&step) - 0.5 * step.dot(&(&hessian * &step));
         Some((step, gain))
     }
 
-    /// Descends.
+    /// Descends from `u`, where the model has said `found`.
     ///
     /// - `jacobian`: one to begin with; found by differences where there is none
     /// - `max_steps`: tries included that gain nothing
@@ -150,7 +150,7 @@ impl<Q> Descent<'_, Q> {
                 converged = true;
                 break;
             }
-            let (step, promised) = self.step(&u, &found.residuals, &jacobian, damping)?;
+            let (step, promised) = self.step(&u, &found.residuals, &jacobian, damping, LONGEST)?;
             if promised < GAIN || damping > MOST_DAMPING {
                 if fresh {
                     converged = damping <= MOST_DAMPING;
@@ -192,7 +192,7 @@ impl<Q> Descent<'_, Q> {
             }
         }
         // What was damped is made up for.
-        if let Some((step, _)) = self.step(&u, &found.residuals, &jacobian, 0.0).filter(|_| converged) {
+        if let Some((step, _)) = self.step(&u, &found.residuals, &jacobian, 0.0, f64::INFINITY).filter(|_| converged) {
             let next: Vec<f64> = u.iter().zip(&step).map(|(u, s)| u + s).collect();
             if let Some(there) = self.at(&next).filter(|there| self.height(&next, &there.residuals) < height) {
                 (u, found) = (next, there);

@@ -14,7 +14,7 @@ const HALVINGS: i32 = 6;
 /// Standard deviations beyond which what a draw leaves is not what errors and prior let expect.
 const FARTHEST: f64 = 3.0;
 
-/// A draw.
+/// A draw of a posterior.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Draw<Q> {
     /// Standard coordinates.
@@ -35,7 +35,7 @@ pub fn draw<Q>(target: &Target<'_, Q>, mode: &Mode, seed: u64, index: u64, max_s
     let prior = deviates(&mut generator, mode.u.len());
     let errors = deviates(&mut generator, mode.residuals.len());
     let mut descent = Descent { target, aim: Aim { errors, prior }, evaluations: 0 };
-    let (step, _) = descent.step(&mode.u, &mode.residuals, &mode.jacobian, 0.0)?;
+    let (step, _) = descent.step(&mode.u, &mode.residuals, &mode.jacobian, 0.0, f64::INFINITY)?;
     let part = |share: f64| -> Vec<f64> { mode.u.iter().zip(&step).map(|(u, s)| u + s * share).collect() };
     let shares = (0..HALVINGS).map(|halvings| 0.5_f64.powi(halvings)).chain([0.0]);
     let (u, found) = shares.map(part).find_map(|u| descent.at(&u).map(|found| (u, found)))?;

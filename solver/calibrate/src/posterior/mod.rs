@@ -55,17 +55,5 @@ impl<Q> Target<'_, Q> {
     }
 }
 
-/// The value below which this share of draws lies, interpolated between two of them; not a number without draws.
-///
-/// - `sorted`: draws in ascending order
-#[must_use]
-pub fn quantile_of(sorted: &[f64], share: f64) -> f64 {
-    let Some(last) = sorted.len().checked_sub(1) else { return f64::NAN };
-    let position = share * last as f64;
-    let (low, rest) = (position.floor(), position.fract());
-    let low = low as usize;
-    sorted[low] + rest * (sorted[(low + 1).min(last)] - sorted[low])
-}
-
 #[cfg(test)]
 mod tests;

@@ -1,7 +1,7 @@
 use super::*;
 use crate::Interval;
 use crate::space_mapping::Prior;
-use crate::statistics::{mean, standard_deviation};
+use crate::statistics::{mean, quantile_of, standard_deviation};
 
 fn wide(n: usize) -> Vec<TruncatedNormal> {
     vec![TruncatedNormal::new(Prior { centre: 0.0, width: 1.0 }, Interval::new(-9.0, 9.0)); n]

@@ -3,7 +3,8 @@
 
 use std::collections::BTreeSet;
 
-use super::{Defect, Expected, Item, Place};
+use super::surfaces::openings_off_rim;
+use super::{Defect, Expected};
 use crate::cavity::Cavity;
 use crate::tet_mesh::{TetMesh, surface_names};
 
@@ -29,12 +30,7 @@ pub(super) fn check(mesh: &TetMesh, expected: &Expected, found: &mut Vec<Defect>
     };
     let Ok(cavity) = Cavity::behind(&surface.triangles) else { return }; // told with the surface's tangles
     let rim: BTreeSet<u32> = mesh.surface(surface_names::RIM).map(|s| s.nodes()).into_iter().flatten().collect();
-    let bare = cavity.openings.iter().enumerate().filter(|(_, o)| !o.iter().all(|node| rim.contains(node)));
-    let place = |(k, opening): (usize, &Vec<u32>)| Place {
-        item: Item::Opening(opening.len()),
-        at_mm: cavity.opening_centre_mm(k, &mesh.nodes_mm),
-    };
-    let places: Vec<Place> = bare.map(place).collect();
+    let places = openings_off_rim(mesh, &cavity, &rim);
     if !places.is_empty() {
         found.push(Defect::RightHole { name: name.to_owned(), places });
     }

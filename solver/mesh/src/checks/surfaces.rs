@@ -100,6 +100,16 @@ fn tangles(mesh: &TetMesh, surface: &Surface, right: bool, found: &mut Vec<Defec
     }
 }
 
+/// Openings of a cavity that the rim's nodes do not wholly border.
+pub(super) fn openings_off_rim(mesh: &TetMesh, cavity: &Cavity, rim: &BTreeSet<u32>) -> Vec<Place> {
+    let bare = cavity.openings.iter().enumerate().filter(|(_, o)| !o.iter().all(|node| rim.contains(node)));
+    let place = |(k, opening): (usize, &Vec<u32>)| Place {
+        item: Item::Opening(opening.len()),
+        at_mm: cavity.opening_centre_mm(k, &mesh.nodes_mm),
+    };
+    bare.map(place).collect()
+}
+
 /// Looks at openings and volume of the cavity; whether it is closed.
 fn endocardium(mesh: &TetMesh, expected: &Expected, found: &mut Vec<Defect>) -> bool {
     let Some(endocardium) = mesh.surface(surface_names::ENDOCARDIUM).filter(|s| !s.triangles.is_empty()) else {
@@ -112,12 +122,7 @@ fn endocardium(mesh: &TetMesh, expected: &Expected, found: &mut Vec<Defect>) -> 
         found.push(Defect::Closed { volume, places: vec![Place { item: Item::Spot, at_mm }] });
     } else if let Some(rim) = mesh.surface(surface_names::RIM) {
         let rim: BTreeSet<u32> = rim.nodes().into_iter().collect();
-        let bare = cavity.openings.iter().enumerate().filter(|(_, o)| !o.iter().all(|node| rim.contains(node)));
-        let place = |(k, opening): (usize, &Vec<u32>)| Place {
-            item: Item::Opening(opening.len()),
-            at_mm: cavity.opening_centre_mm(k, &mesh.nodes_mm),
-        };
-        let places: Vec<Place> = bare.map(place).collect();
+        let places = openings_off_rim(mesh, &cavity, &rim);
         if !places.is_empty() {
             found.push(Defect::Hole { places });
         }

@@ -49,7 +49,7 @@ struct Seen {
 pub fn run(spec: &PosteriorSpec, context: &mut Context) -> Result<TaskResult, TaskError> {
     context.check_stop()?;
     let axes = axes(&spec.parameters);
-    let prior: Vec<TruncatedNormal> = axes.iter().map(|axis| TruncatedNormal::new(axis.prior, axis.interval)).collect();
+    let prior: Vec<TruncatedNormal> = axes.iter().map(Axis::truncated).collect();
     let (passive, activation) = one_fibre(&spec.beat.organ)?;
     let beat = OrganBeatSpec { time_step_ms: spec.beat.time_step_ms.max(TIME_STEP_MS), ..spec.beat.clone() };
     // Refused once and for all: an effect that cannot act, a parameter outside the models.

@@ -2,7 +2,8 @@
 
 use std::collections::BTreeMap;
 
-use cardiotwin_calibrate::posterior::{Draw, TruncatedNormal, quantile_of};
+use cardiotwin_calibrate::posterior::{Draw, TruncatedNormal};
+use cardiotwin_calibrate::statistics::{mean, quantile_of};
 use cardiotwin_schemas::outcome::Determination;
 use cardiotwin_schemas::posterior::{Band, ParameterSpread, PosteriorResult, Sampling, Spread};
 
@@ -91,8 +92,8 @@ fn correlations(coordinates: &[Vec<f64>]) -> Vec<Vec<f64>> {
     let centred: Vec<Vec<f64>> = coordinates
         .iter()
         .map(|all| {
-            let mean = all.iter().sum::<f64>() / all.len() as f64;
-            all.iter().map(|x| x - mean).collect()
+            let middle = mean(all);
+            all.iter().map(|x| x - middle).collect()
         })
         .collect();
     let product = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();

@@ -7,22 +7,11 @@ use cardiotwin_schemas::posterior::{PosteriorResult, PosteriorSettings, TwinBeat
 use cardiotwin_schemas::step3::Step3Settings;
 
 use super::*;
+use crate::tasks::sweep::organ::tests::beat;
 
 /// A heart with a cell of its own, and two parameters of it uncertain.
 fn spec(names: &[&str]) -> PosteriorSpec {
-    let beat: Result<OrganBeatSpec, _> = serde_json::from_value(serde_json::json!({
-        "cycle_length_ms": 700.0, "time_step_ms": 2.0, "shortest_step_ms": 0.015625, "newton_iterations": 60,
-        "organ": {"fidelity": "reduced",
-            "passive": {"wall_volume_mL": 90.0, "unloaded_volume_mL": 60.0, "end_diastolic_volume_mL": 120.0,
-                        "end_diastolic_pressure_mmHg": 9.0, "stiffness_kPa": 0.5, "exponent": 9.24},
-            "activation": {"spread_ms": 40.0, "groups": 16, "onset_ms": 20.0}},
-        "circulation": {"afterload": {"characteristic_resistance_mmHg_s_per_mL": 0.03,
-            "peripheral_resistance_mmHg_s_per_mL": 0.9, "compliance_mL_per_mmHg": 1.2},
-            "initial_windkessel_pressure_mmHg": 70.0, "left_atrial_pressure_mmHg": 7.0},
-        "valves": {}, "contraction": {"model": "land2017-rice", "parameters": {"Smax_ref_kPa": 200.0}, "lambda_0": 1.1},
-        "beats": {"mode": "fixed", "n": 1}, "measured_end_diastolic_volume_mL": 120.0
-    }));
-    let beat = beat.expect("a beat");
+    let beat = beat().with_parameters(&BTreeMap::from([("Smax_ref_kPa".to_owned(), 200.0)]));
     let (passive, activation) = one_fibre(&beat.organ).expect("a one-fibre ventricle");
     let simulated = reduced_beat(&beat, &passive, &activation).expect("parameters").expect("a beat");
     let step3 = Step3Settings { parameters: names.iter().map(|n| (*n).to_owned()).collect(), ..Default::default() };

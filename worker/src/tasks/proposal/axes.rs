@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 
 use cardiotwin_calibrate::Interval;
+use cardiotwin_calibrate::posterior::TruncatedNormal;
 use cardiotwin_calibrate::space_mapping::Prior;
 use cardiotwin_models::contraction::LAMBDA_CAP;
 use cardiotwin_schemas::organ::cell_default;
@@ -10,14 +11,14 @@ use cardiotwin_schemas::task::{MovedParameter, OrganBeatSpec};
 
 /// A moved parameter: its coordinate is the logarithm of its magnitude.
 #[derive(Debug, Clone)]
-pub(crate) struct Axis {
+pub struct Axis {
     /// Name with unit.
-    pub(crate) name: String,
+    pub name: String,
     sign: f64,
     /// Bounds of the coordinate.
-    pub(crate) interval: Interval,
+    pub interval: Interval,
     /// What is known of the coordinate without data.
-    pub(crate) prior: Prior,
+    pub prior: Prior,
 }
 
 impl Axis {
@@ -32,29 +33,40 @@ impl Axis {
         }
     }
 
+    /// What is known of the coordinate without data, within its bounds.
+    #[must_use]
+    pub fn truncated(&self) -> TruncatedNormal {
+        TruncatedNormal::new(self.prior, self.interval)
+    }
+
     /// The parameter's value, in the unit that its name says.
-    pub(crate) fn value(&self, x: f64) -> f64 {
+    #[must_use]
+    pub fn value(&self, x: f64) -> f64 {
         self.sign * x.exp()
     }
 }
 
 /// The axes of moved parameters, by name.
-pub(crate) fn axes(parameters: &BTreeMap<String, MovedParameter>) -> Vec<Axis> {
+#[must_use]
+pub fn axes(parameters: &BTreeMap<String, MovedParameter>) -> Vec<Axis> {
     parameters.iter().map(|(name, moved)| Axis::new(name, moved)).collect()
 }
 
 /// Values by name at a point.
-pub(crate) fn named(axes: &[Axis], x: &[f64]) -> BTreeMap<String, f64> {
+#[must_use]
+pub fn named(axes: &[Axis], x: &[f64]) -> BTreeMap<String, f64> {
     axes.iter().zip(x).map(|(axis, x)| (axis.name.clone(), axis.value(*x))).collect()
 }
 
 /// The point of values; the prior's centre where one lacks.
-pub(crate) fn point(axes: &[Axis], values: &BTreeMap<String, f64>) -> Vec<f64> {
+#[must_use]
+pub fn point(axes: &[Axis], values: &BTreeMap<String, f64>) -> Vec<f64> {
     axes.iter().map(|axis| values.get(&axis.name).map_or(axis.prior.centre, |v| v.abs().ln())).collect()
 }
 
 /// Whether Ca50 stays above the resting calcium at any stretch that the model knows: another cell stretches the organ's
 /// weakest nodes further than any beat before.
+#[must_use]
 pub fn is_sensitive(beat: &OrganBeatSpec) -> bool {
     let value = |name: &str| {
         let given = beat.contraction.cell_parameters().and_then(|cell| cell.get(name).copied());

@@ -9,7 +9,7 @@
 //! [`ORGAN_SAMPLES_HEADING`](cardiotwin_schemas::sweep::ORGAN_SAMPLES_HEADING) for the organ.
 
 mod cell;
-mod organ;
+pub(crate) mod organ;
 
 use cardiotwin_calibrate::Interval;
 use cardiotwin_calibrate::sobol::{DesignSettings, SaltelliDesign};

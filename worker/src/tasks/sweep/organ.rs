@@ -84,15 +84,15 @@ impl Model for Beats {
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use super::*;
     use crate::context::Context;
     use cardiotwin_schemas::outcome::TaskResult;
     use cardiotwin_schemas::sweep::{SweptOrgan, SweptParameter};
     use cardiotwin_schemas::task::CellSweepSpec;
 
-    fn spec() -> CellSweepSpec {
-        let swept = |name: &str, lower, upper| SweptParameter { name: name.into(), lower, upper };
+    /// A heart of the one-fibre ventricle with Land's cell.
+    pub(crate) fn beat() -> OrganBeatSpec {
         let beat: Result<OrganBeatSpec, _> = serde_json::from_value(serde_json::json!({
             "cycle_length_ms": 700.0, "time_step_ms": 2.0, "shortest_step_ms": 0.015625, "newton_iterations": 60,
             "organ": {"fidelity": "reduced",
@@ -105,6 +105,11 @@ mod tests {
             "valves": {}, "contraction": {"model": "land2017-rice", "parameters": {}, "lambda_0": 1.1},
             "beats": {"mode": "fixed", "n": 1}, "measured_end_diastolic_volume_mL": 120.0
         }));
+        beat.unwrap()
+    }
+
+    fn spec() -> CellSweepSpec {
+        let swept = |name: &str, lower, upper| SweptParameter { name: name.into(), lower, upper };
         CellSweepSpec {
             design: CellDesign {
                 parameters: vec![swept("Smax_ref_kPa", 100.0, 400.0), swept("R_AV_f_mmHg_s_per_mL", 1e-3, 0.1)],
@@ -114,7 +119,7 @@ mod tests {
                 lambda_0: 1.1,
                 fixed: BTreeMap::from([("phi".to_owned(), 2.0)]),
                 tolerance: 1e-4,
-                organ: Some(Box::new(SweptOrgan { patient: "p1".into(), beat: beat.unwrap() })),
+                organ: Some(Box::new(SweptOrgan { patient: "p1".into(), beat: beat() })),
             },
             first_block: 1,
             n_blocks: 2,

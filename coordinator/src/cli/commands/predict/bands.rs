@@ -1,11 +1,10 @@
 //! How sure a prediction is: the change on draws of the twin's posterior.
 
 use std::collections::BTreeMap;
+use std::panic::resume_unwind;
 use std::path::Path;
-use std::sync::Mutex;
-use std::sync::atomic::{AtomicUsize, Ordering};
 
-use cardiotwin_calibrate::posterior::quantile_of;
+use cardiotwin_calibrate::statistics::quantile_of;
 use cardiotwin_schemas::posterior::PosteriorResult;
 use cardiotwin_schemas::task::OrganBeatSpec;
 
@@ -17,6 +16,8 @@ use crate::cli::ventricle::AskedFor;
 
 /// Values below which 5 and 95 % of the draws lie, by index.
 pub type Bands = BTreeMap<&'static str, [f64; 2]>;
+/// Indices of one beat.
+type Indices = Vec<(&'static str, f64)>;
 /// Draws without whose beats there is no band.
 const FEWEST: usize = 20;
 
@@ -33,45 +34,32 @@ pub fn of(
     changes: &[Change],
     worker: &Path,
 ) -> Result<Bands, CliError> {
-    let next = AtomicUsize::new(0);
-    let found: Mutex<Vec<Vec<(&'static str, f64)>>> = Mutex::new(Vec::new());
-    let failed: Mutex<Option<CliError>> = Mutex::new(None);
     let n_threads = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
-    std::thread::scope(|scope| {
-        for _ in 0..n_threads {
-            scope.spawn(|| {
-                loop {
-                    let at = next.fetch_add(1, Ordering::Relaxed);
-                    if at >= posterior.draws.len() || failed.lock().is_ok_and(|failed| failed.is_some()) {
-                        return;
-                    }
-                    let mut beat = twin.with_parameters(&posterior.draw(at));
-                    // A change that makes sense of the twin does so of its draws: signs are the same.
-                    if changes.iter().any(|change| change.make(&mut beat).is_err()) {
-                        continue;
-                    }
-                    match simulate(&beat, AskedFor::OneFibre, worker) {
-                        Ok((result, traces)) if result.failed_check().is_none() => {
-                            let of_draw = indices(&result.biomarkers, &Traces::of(&traces), beat.cycle_length_ms);
-                            if let Ok(mut found) = found.lock() {
-                                found.push(of_draw);
-                            }
-                        }
-                        Ok(_) | Err(CliError::Simulation { .. }) => {}
-                        Err(error) => {
-                            if let Ok(mut failed) = failed.lock() {
-                                *failed = Some(error);
-                            }
-                        }
-                    }
-                }
-            });
-        }
-    });
-    if let Some(error) = failed.into_inner().ok().flatten() {
-        return Err(error);
-    }
-    let found = found.into_inner().unwrap_or_default();
+    // Every n-th draw to a thread.
+    let some = |first: usize| -> Result<Vec<Indices>, CliError> {
+        let found = (first..posterior.draws.len()).step_by(n_threads).map(|at| {
+            let mut beat = twin.with_parameters(&posterior.draw(at));
+            // A change that makes sense of the twin does so of its draws: signs are the same.
+            if changes.iter().any(|change| change.make(&mut beat).is_err()) {
+                return Ok(None);
+            }
+            match simulate(&beat, AskedFor::OneFibre, worker) {
+                Ok((result, traces)) => Ok(result
+                    .failed_check()
+                    .is_none()
+                    .then(|| indices(&result.biomarkers, &Traces::of(&traces), beat.cycle_length_ms))),
+                Err(CliError::Simulation { .. }) => Ok(None),
+                Err(error) => Err(error),
+            }
+        });
+        found.filter_map(Result::transpose).collect()
+    };
+    let found: Vec<Indices> = std::thread::scope(|scope| {
+        let threads: Vec<_> = (0..n_threads).map(|first| scope.spawn(move || some(first))).collect();
+        let of_all = threads.into_iter().map(|thread| thread.join().unwrap_or_else(|panic| resume_unwind(panic)));
+        of_all.collect::<Result<Vec<_>, _>>()
+    })?
+    .concat();
     if found.len() < FEWEST {
         return Ok(Bands::new());
     }
