@@ -184,7 +184,8 @@ pub struct Step1Settings {
     pub frozen: Vec<String>,
     /// Weights of the squared relative differences of the biomarkers (keys: `P_max_mmHg`, `dPdt_max_mmHg_per_ms`,
     /// `dPdt_min_mmHg_per_ms`, `PTD90_ms`, `tau_VD_ms`, `tau_VR_ms`, `SV_mL`) in what space mapping lowers and in its choice
-    /// of the best iteration. The cost has none: every weight is 1 there, that of `SV_mL` 0.
+    /// of the best iteration. Defaults are (1 %/σ)² with the σ of `step3.uncertainty_percent`. The cost has none: every
+    /// weight is 1 there, that of `SV_mL` 0.
     pub weights: BTreeMap<String, f64>,
     /// First guess of the Tanh model.
     pub initial: TanhParameters,
@@ -214,9 +215,8 @@ impl Default for Step1Settings {
             stall_iterations: 3,
             stall_improvement: 0.05,
             frozen: Vec::new(),
-            // Duration of the pressure and stroke volume are what a clinic reads; tau_VD is a slope that organs of simple
-            // shape meet by a narrow valve alone (docs/step1.md).
-            weights: [("PTD90_ms", 20.0), ("SV_mL", 1.0), ("tau_VD_ms", 0.2)].map(|(k, w)| (k.to_owned(), w)).into(),
+            // Step 3's standard deviations, as (1 %/σ)².
+            weights: Step3Settings::default().uncertainty_percent.into_iter().map(|(k, sd)| (k, sd.powi(-2))).collect(),
             initial: TanhParameters::default(),
             valves: ValveParameters::default(),
             // Wide enough never to bind in a sane fit; the resistance floors are those of the paper's Table A6.
