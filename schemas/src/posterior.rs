@@ -133,6 +133,14 @@ pub struct ParameterSpread {
     pub mark: Determination,
 }
 
+impl ParameterSpread {
+    /// Whether the twin's value lies outside of the 90 % interval.
+    #[must_use]
+    pub fn excludes_twin(&self) -> bool {
+        !(self.posterior.p5..=self.posterior.p95).contains(&self.twin)
+    }
+}
+
 /// A trace's distribution at the times of [`BeatSamples`].
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
@@ -215,6 +223,19 @@ pub struct PosteriorResult {
 }
 
 impl PosteriorResult {
+    /// How many of the twin's parameters lie outside of their intervals, and why; none where all lie within.
+    #[must_use]
+    pub fn outside_words(&self) -> Option<String> {
+        let outside = self.parameters.values().filter(|spread| spread.excludes_twin()).count();
+        (outside > 0).then(|| {
+            format!(
+                "{outside} of the twin's {} parameters lie outside of their intervals: step 3 weighs biomarkers most, the \
+                 posterior weighs the traces most.",
+                self.parameters.len()
+            )
+        })
+    }
+
     /// A draw by name.
     #[must_use]
     pub fn draw(&self, at: usize) -> BTreeMap<String, f64> {

@@ -62,10 +62,14 @@ fn words(result: &PosteriorResult) -> String {
         );
     }
     text += &format!(". {} draws, {} beats of the one-fibre ventricle", result.draws.len(), sampling.evaluations);
-    match sampling.doubt() {
-        Some(doubt) => text + "; take the bands for a guess: " + &doubt + ".",
-        None => text + ".",
+    if let Some(doubt) = sampling.doubt() {
+        text += &format!("; take the bands for a guess: {doubt}");
     }
+    text += ".";
+    if let Some(outside) = result.outside_words() {
+        text += &format!(" {outside}");
+    }
+    text
 }
 
 fn timed(patient: &PatientRecord, values: &[f64]) -> Vec<(f64, f64)> {
@@ -164,7 +168,7 @@ fn parameters(result: &PosteriorResult) -> Markup {
                         td.num { (significant(spread.twin, 3)) }
                         (interval(&spread.posterior))
                         td { (picture(spread)) }
-                        td { (spread.mark.as_str()) }
+                        td { (spread.mark.as_str()) @if spread.excludes_twin() { "; twin outside" } }
                     }
                 }
             }

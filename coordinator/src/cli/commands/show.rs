@@ -325,7 +325,8 @@ fn posterior(record: &PatientRecord, talk: &Talk) -> String {
         let values = [spread.twin, spread.posterior.p5, spread.posterior.p50, spread.posterior.p95];
         let mut row = vec![name.clone()];
         row.extend(values.map(|value| optional(Some(value))));
-        row.push(spread.mark.as_str().to_owned());
+        let outside = if spread.excludes_twin() { "; twin outside" } else { "" };
+        row.push(format!("{}{outside}", spread.mark.as_str()));
         table.row(row);
     }
     let twin = record.twin().map(|twin| twin.result.biomarkers.of_organ());
@@ -338,8 +339,10 @@ fn posterior(record: &PatientRecord, talk: &Talk) -> String {
     }
     let sampling = &result.sampling;
     let doubt = sampling.doubt().map_or_else(String::new, |doubt| format!("; take the intervals for a guess: {doubt}"));
+    let outside = result.outside_words().map_or_else(String::new, |words| words + "\n");
     table.text()
         + &format!("{} draws, {} beats of the one-fibre ventricle{doubt}\n", result.draws.len(), sampling.evaluations)
+        + &outside
 }
 
 fn hint(record: &PatientRecord, folders: &Folders) -> Option<String> {

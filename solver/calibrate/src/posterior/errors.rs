@@ -16,15 +16,14 @@ impl TraceErrors {
     /// None for an empty trace, or a covariance that is none.
     ///
     /// - `measured`: samples
-    /// - `covariance`: of the errors of two samples, by how many samples they are apart; the unit is that of `measured`, squared
+    /// - `covariance`: of the errors of two samples, by their indices; the unit is that of `measured`, squared
     #[must_use]
-    pub fn new(measured: &[f64], covariance: impl Fn(usize) -> f64) -> Option<Self> {
+    pub fn new(measured: &[f64], covariance: impl Fn(usize, usize) -> f64) -> Option<Self> {
         let n = measured.len();
         if n == 0 {
             return None;
         }
-        let nugget = NUGGET * covariance(0);
-        let matrix = DMatrix::from_fn(n, n, |i, j| covariance(i.abs_diff(j)) + if i == j { nugget } else { 0.0 });
+        let matrix = DMatrix::from_fn(n, n, |i, j| covariance(i, j) * if i == j { 1.0 + NUGGET } else { 1.0 });
         Some(Self { measured: measured.to_vec(), factor: matrix.cholesky()? })
     }
 

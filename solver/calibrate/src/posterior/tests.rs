@@ -101,7 +101,7 @@ fn a_model_without_an_answer_is_left_out_and_the_same_seed_draws_the_same() {
 
 #[test]
 fn correlated_errors_are_worth_fewer_samples() {
-    let covariance = |apart: usize| 4.0 * (-0.1 * apart as f64).exp();
+    let covariance = |i: usize, j: usize| 4.0 * (-0.1 * i.abs_diff(j) as f64).exp();
     let errors = TraceErrors::new(&[10.0; 50], covariance).expect("a covariance");
     assert_eq!(errors.residuals(&[10.0; 50]), vec![0.0; 50]);
     // A shift by one standard deviation counts 1ᵀ C⁻¹ 1, for an Ornstein-Uhlenbeck process 1 + (n − 1) (1 − r)/(1 + r).

@@ -1,8 +1,9 @@
 //! How probable measured traces are, given a beat.
 //!
 //! The errors of each trace are Gaussian. Its noise is what the patient's file states: of the pressure with an exponential
-//! correlation, of the volume independent in each frame. What the twin's beat misses beyond that is an error of the model, of
-//! a longer correlation time (Kennedy and O'Hagan 2001, J. R. Stat. Soc. B 63:425). A trace that was not measured is replaced
+//! correlation, of the volume independent in each frame. What the twin's beat misses beyond that, and when in the beat, is an
+//! error of the model, of a longer correlation time (Kennedy and O'Hagan 2001, J. R. Stat. Soc. B 63:425): parameters are not
+//! bent to explain an atrial kick that the model lacks. A trace that was not measured is replaced
 //! by its measured biomarkers. The rates of pressure, which last shorter than samples lie apart, count in either case.
 
 use cardiotwin_calibrate::posterior::TraceErrors;
@@ -24,14 +25,32 @@ pub(super) struct Likelihood {
     pub(super) deviations: Deviations,
 }
 
-/// Root mean square of the differences that is not explained by noise of this variance.
-fn beyond(simulated: &[f64], measured: &[f64], noise_variance: f64) -> f64 {
-    let n = simulated.len().min(measured.len());
-    if n == 0 {
-        return 0.0;
+/// What a twin's trace misses beyond its noise, by sample.
+struct Discrepancy {
+    /// Standard deviation of each sample.
+    of_samples: Vec<f64>,
+}
+
+impl Discrepancy {
+    /// - `noise_variance`: of the data, and in their unit squared
+    /// - `correlation`: how long an error of the model lasts, in samples: squares are averaged over twice as long
+    fn of(simulated: &[f64], measured: &[f64], noise_variance: f64, correlation: f64) -> Self {
+        let squares: Vec<f64> = simulated.iter().zip(measured).map(|(a, b)| (a - b).powi(2)).collect();
+        let n = squares.len();
+        let reach = (correlation.round() as usize).min(n.saturating_sub(1) / 2);
+        let of_sample = |k: usize| {
+            // A beat follows a beat: the end's neighbour is the beginning.
+            let around = (0..=2 * reach).map(|step| squares[(k + n + step - reach) % n]);
+            let mean = around.sum::<f64>() / (2 * reach + 1) as f64;
+            (mean - noise_variance).max(0.0).sqrt()
+        };
+        Self { of_samples: (0..n).map(of_sample).collect() }
     }
-    let square: f64 = simulated.iter().zip(measured).map(|(a, b)| (a - b).powi(2)).sum();
-    (square / n as f64 - noise_variance).max(0.0).sqrt()
+
+    fn root_mean_square(&self) -> f64 {
+        let square: f64 = self.of_samples.iter().map(|s| s * s).sum();
+        (square / self.of_samples.len().max(1) as f64).sqrt()
+    }
 }
 
 impl Likelihood {
@@ -39,25 +58,29 @@ impl Likelihood {
     pub(super) fn of(spec: &PosteriorSpec, cheap: &OrganBeatResult) -> Self {
         let noise = TraceNoise::of(&spec.noise);
         let (measured, twin) = (&spec.samples, &spec.twin.samples);
+        let spacing_ms = spec.beat.cycle_length_ms / N_SAMPLES as f64;
+        let lasting_ms = spec.settings.discrepancy_correlation_ms;
+        let beyond = |twin: &[f64], measured: &[f64], noise_rms: f64| {
+            Discrepancy::of(twin, measured, noise_rms.powi(2), lasting_ms / spacing_ms)
+        };
+        let of_pressure = beyond(&twin.pressure_mmhg, &measured.pressure_mmhg, noise.pressure_rms_mmhg);
+        let of_volume = beyond(&twin.volume_ml, &measured.volume_ml, noise.volume_rms_ml);
         let deviations = Deviations {
             noise,
-            pressure_discrepancy_mmhg: beyond(
-                &twin.pressure_mmhg,
-                &measured.pressure_mmhg,
-                noise.pressure_rms_mmhg.powi(2),
-            ),
-            volume_discrepancy_ml: beyond(&twin.volume_ml, &measured.volume_ml, noise.volume_rms_ml.powi(2)),
+            pressure_discrepancy_mmhg: of_pressure.root_mean_square(),
+            volume_discrepancy_ml: of_volume.root_mean_square(),
         };
-        let spacing_ms = spec.beat.cycle_length_ms / N_SAMPLES as f64;
-        let decayed = |apart: usize, correlation_ms: f64| (-(apart as f64) * spacing_ms / correlation_ms).exp();
-        let of_model = |rms: f64, apart: usize| rms.powi(2) * decayed(apart, spec.settings.discrepancy_correlation_ms);
-        let pressure = TraceErrors::new(&measured.pressure_mmhg, |apart| {
-            noise.pressure_rms_mmhg.powi(2) * decayed(apart, noise.pressure_correlation_ms)
-                + of_model(deviations.pressure_discrepancy_mmhg, apart)
+        let decayed = |i: usize, j: usize, ms: f64| (-(i.abs_diff(j) as f64) * spacing_ms / ms).exp();
+        let of_model = |found: &Discrepancy, i: usize, j: usize| {
+            found.of_samples[i] * found.of_samples[j] * decayed(i, j, lasting_ms)
+        };
+        let pressure = TraceErrors::new(&measured.pressure_mmhg, |i, j| {
+            let own = noise.pressure_rms_mmhg.powi(2) * decayed(i, j, noise.pressure_correlation_ms);
+            own + of_model(&of_pressure, i, j)
         });
-        let volume = TraceErrors::new(&measured.volume_ml, |apart| {
-            let own = if apart == 0 { noise.volume_variance() } else { 0.0 };
-            own + of_model(deviations.volume_discrepancy_ml, apart)
+        let volume = TraceErrors::new(&measured.volume_ml, |i, j| {
+            let own = if i == j { noise.volume_variance() } else { 0.0 };
+            own + of_model(&of_volume, i, j)
         });
         let is_of_volume = |name: &str| ["SV_mL", "tau_VD_ms", "tau_VR_ms"].contains(&name);
         // A fortieth of a cycle says nothing of the steepest rates, which last some milliseconds.
