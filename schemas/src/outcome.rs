@@ -121,6 +121,9 @@ pub struct PassiveStateResult {
     /// Factors that `measured` holds, where it is a sample of uncertain data and not what was measured.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub biomarker_factors: BTreeMap<String, f64>,
+    /// Window over which rates of pressure are taken, measured and simulated; absent where the measured trace is smooth.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub rate_window_ms: Option<f64>,
     /// Their time points.
     pub time_points: TimePoints,
     /// Samples of the measured traces.

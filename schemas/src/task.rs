@@ -90,15 +90,15 @@ impl TaskSpec {
     #[must_use]
     pub fn model_version(&self) -> u32 {
         match self {
-            Self::PassiveState(_) => 7,
+            Self::PassiveState(_) => 8,
             Self::Discover(_) => 4,
             Self::Step1Proposal(_) => 6,
             Self::CellFit(_) => 5,
             Self::OrganBeat(_) => 6,
             Self::Step3Proposal(_) => 5,
             Self::Targets(_) => 3,
-            Self::CellSweep(_) => 2,
-            Self::Posterior(_) | Self::Noop(_) => 1,
+            Self::CellSweep(_) | Self::Posterior(_) => 2,
+            Self::Noop(_) => 1,
         }
     }
 
@@ -227,6 +227,9 @@ pub struct OrganBeatSpec {
     /// For `end_of_beat_gap`.
     #[serde(rename = "measured_end_diastolic_volume_mL")]
     pub measured_end_diastolic_volume_ml: Option<f64>,
+    /// Window over which rates of pressure are taken, as those of the measured one; absent for differences of samples.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub rate_window_ms: Option<f64>,
     /// How the equations of the finite-element ventricle are solved.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub finite_element: Option<EquationSettings>,

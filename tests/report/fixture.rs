@@ -339,6 +339,7 @@ fn finished(folder: &Folder, printed: &Printed, id: &str) -> PatientRecord {
         },
         measured: biomarkers(printed.clinical, edv, None),
         biomarker_factors: BTreeMap::new(),
+        rate_window_ms: None,
         samples: cardiotwin_schemas::samples::BeatSamples::default(),
         time_points: time_points(&p, &v),
         estimates: vec![Estimate {

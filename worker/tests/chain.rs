@@ -10,6 +10,7 @@ use cardiotwin_worker::context::Context;
 use cardiotwin_worker::nodal::NodalRows;
 use cardiotwin_worker::run::simulate;
 use cardiotwin_worker::tasks::run_task;
+use rand::{Rng, SeedableRng};
 
 /// A fit that ends soon: the chain is tested here, the optimum in the benchmarks.
 fn short_fit() -> CellFitSettings {
@@ -61,6 +62,45 @@ fn traces_become_a_verified_cell() {
     assert_eq!(verified.failed_check(), None);
     let text = std::fs::read_to_string(scratch.path().join("nodal.csv")).unwrap();
     assert!(NodalRows::begin(text.as_bytes()).unwrap().has_calcium);
+}
+
+#[test]
+fn rates_of_a_smooth_pressure_are_differences_and_those_of_a_noisy_one_have_a_window() {
+    let scratch = tempfile::tempdir().unwrap();
+    let mut context = Context::plain(scratch.path(), 1);
+    for number in 1..=7 {
+        let state = support::passive_state(&support::step0(&format!("0{number}-CoA")), &mut context);
+        assert_eq!(state.rate_window_ms, None, "0{number}-CoA");
+    }
+
+    let smooth = support::step0("07-CoA");
+    let known = support::passive_state(&smooth, &mut context);
+    let text = std::fs::read_to_string(support::patient_folder("07-CoA").join("pressure.csv")).unwrap();
+    let mut draw = rand_pcg::Pcg64::seed_from_u64(7);
+    let noisy = text.lines().map(|line| match line.split_once(',').map(|(t, p)| (t, p.parse::<f64>())) {
+        Some((time, Ok(pressure))) => format!("{time},{}\n", pressure + draw.random_range(-2.6..2.6)),
+        _ => format!("{line}\n"),
+    });
+    let file = scratch.path().join("noisy.csv");
+    std::fs::write(&file, noisy.collect::<String>()).unwrap();
+    let mut spec = smooth.clone();
+    spec.pressure = Some(support::input("pressure", &file));
+    let state = support::passive_state(&spec, &mut context);
+    let window_ms = state.rate_window_ms.expect("a noisy pressure");
+    assert!((4.0..=40.0).contains(&window_ms), "{window_ms}");
+
+    // What the window takes off is taken off both: the simulated beat of a twin is not too slow for its data.
+    let ratio = state.measured.dpdt_max_mmhg_per_ms.unwrap() / known.measured.dpdt_max_mmhg_per_ms.unwrap();
+    assert!((0.6..1.1).contains(&ratio), "{ratio}");
+    let contraction = ContractionSpec::Tanh { parameters: Default::default() };
+    let rate = |state, context: &mut Context| {
+        let beat = support::beat_spec(spec.cycle_length_ms, state, &Default::default(), contraction.clone());
+        let TaskResult::OrganBeat(result) = support::succeed(&TaskSpec::OrganBeat(Box::new(beat)), context) else {
+            panic!("not a beat")
+        };
+        result.biomarkers.dpdt_max_mmhg_per_ms.unwrap()
+    };
+    assert!(rate(&state, &mut context) < rate(&known, &mut context));
 }
 
 #[test]

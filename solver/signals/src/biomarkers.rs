@@ -12,7 +12,7 @@
 
 use crate::cycle::{Continuation, Crossing, Cycle, Side, Way};
 use crate::resample::{ResampleError, STEP, resample};
-use crate::{Quantity, Trace};
+use crate::{Quantity, Trace, rates};
 use cardiotwin_units::{Ml, Mmhg, Ms};
 use serde::{Deserialize, Serialize};
 
@@ -203,6 +203,20 @@ impl BiomarkerSet {
         self
     }
 
+    /// With rates of pressure over a window, as a noisy measurement asks for ([`crate::rate_window`]); as they are without one,
+    /// or where pressure has no pulse.
+    ///
+    /// - `pressure`: the trace of these biomarkers
+    #[must_use]
+    pub fn with_rates(mut self, pressure: &Trace, continuation: Continuation, window: Option<Ms>) -> Self {
+        let resampled = window.and_then(|window| Some((window, resample(pressure, continuation, STEP).ok()?)));
+        if let (Some((window, trace)), false) = (resampled, self.has(Flag::NoPressurePulse)) {
+            let cycle = Cycle::new(trace.time_ms(), trace.values(), continuation);
+            self.add_rates(&cycle, rates::reach_of(window, &cycle));
+        }
+        self
+    }
+
     /// Whether a flag is set.
     #[must_use]
     pub fn has(&self, flag: Flag) -> bool {
@@ -219,18 +233,7 @@ impl BiomarkerSet {
             self.flags.push(Flag::NoPressurePulse);
             return;
         }
-        // Half a cycle to either side of a periodic trace's peak holds up- and downstroke wherever its time zero lies, and
-        // leaves out the diastole in which an end and a beginning that do not fit may be joined.
-        let last = p.len() as isize - 1;
-        let half = p.len() as isize / 2;
-        let [first, end] = if p.is_periodic() { [peak - half, peak + half] } else { [0, last] };
-        let slopes = |range: std::ops::Range<isize>| range.filter_map(|i| p.slope(i).map(|s| (i, s)));
-        let steepest = slopes(first..peak).max_by(|a, b| a.1.total_cmp(&b.1));
-        let fastest_fall = slopes(peak + 1..end + 1).min_by(|a, b| a.1.total_cmp(&b.1));
-        self.dpdt_max_mmhg_per_ms = steepest.map(|x| x.1);
-        self.dpdt_min_mmhg_per_ms = fastest_fall.map(|x| x.1);
-        self.time_points.t_dpdt_max = steepest.map(|x| Ms(p.time(x.0)));
-        self.time_points.t_dpdt_min = fastest_fall.map(|x| Ms(p.time(x.0)));
+        let (steepest, fastest_fall) = self.add_rates(p, 1);
         if steepest.is_none() || fastest_fall.is_none() {
             self.flags.push(Flag::NoPressurePulse);
         }
@@ -255,6 +258,24 @@ impl BiomarkerSet {
         self.time_points.t1 = Some(Ms(rise.time_ms));
         self.time_points.t3 = Some(Ms(t3));
         self.ptd90 = Some(Ms(t3 - rise.time_ms));
+    }
+
+    /// Largest and smallest rate with their indices, of lines through the samples up to `reach` away.
+    fn add_rates(&mut self, p: &Cycle, reach: isize) -> (Option<(isize, f64)>, Option<(isize, f64)>) {
+        let peak = p.argmax();
+        // Half a cycle to either side of a periodic trace's peak holds up- and downstroke wherever its time zero lies, and
+        // leaves out the diastole in which an end and a beginning that do not fit may be joined.
+        let last = p.len() as isize - 1;
+        let half = p.len() as isize / 2;
+        let [first, end] = if p.is_periodic() { [peak - half, peak + half] } else { [0, last] };
+        let slopes = |range: std::ops::Range<isize>| range.filter_map(|i| p.slope_over(i, reach).map(|s| (i, s)));
+        let steepest = slopes(first..peak).max_by(|a, b| a.1.total_cmp(&b.1));
+        let fastest_fall = slopes(peak + 1..end + 1).min_by(|a, b| a.1.total_cmp(&b.1));
+        self.dpdt_max_mmhg_per_ms = steepest.map(|x| x.1);
+        self.dpdt_min_mmhg_per_ms = fastest_fall.map(|x| x.1);
+        self.time_points.t_dpdt_max = steepest.map(|x| Ms(p.time(x.0)));
+        self.time_points.t_dpdt_min = fastest_fall.map(|x| Ms(p.time(x.0)));
+        (steepest, fastest_fall)
     }
 
     fn add_volume(&mut self, v: &Cycle) {

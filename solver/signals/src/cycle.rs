@@ -122,6 +122,23 @@ impl<'a> Cycle<'a> {
         Some((self.value(i + 1) - self.value(i - 1)) / (self.time(i + 1) - self.time(i - 1)))
     }
 
+    /// Slope of the least-squares line through the samples up to `reach` away from sample `i`, in value per ms; none where
+    /// the window leaves a single beat. Samples are equally far apart. A reach of 1 is the central difference.
+    pub(crate) fn slope_over(&self, i: isize, reach: isize) -> Option<f64> {
+        if reach <= 1 {
+            return self.slope(i);
+        }
+        let n = self.len() as isize;
+        if n < 2 * reach + 1 || !self.is_periodic() && (i < reach || i + reach >= n) {
+            return None;
+        }
+        let step_ms = (self.time(i + reach) - self.time(i - reach)) / (2 * reach) as f64;
+        let (over, under) = (1..=reach).fold((0.0, 0.0), |(over, under), k| {
+            (over + k as f64 * (self.value(i + k) - self.value(i - k)), under + 2.0 * (k * k) as f64)
+        });
+        Some(over / (under * step_ms))
+    }
+
     /// Index of the largest value, the first one if there are several.
     pub(crate) fn argmax(&self) -> isize {
         let mut best = 0;

@@ -174,6 +174,7 @@ fn average_ventricle() -> (OrganBeatSpec, OneFibrePassive, ActivationSpec) {
         cell_stretch: CellStretch::default(),
         beats: BeatCount::Fixed { n: 1 },
         measured_end_diastolic_volume_ml: None,
+        rate_window_ms: None,
         finite_element: None,
     };
     (spec, passive, activation)

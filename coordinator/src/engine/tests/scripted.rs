@@ -120,6 +120,7 @@ fn passive_state(edp_mmhg: f64) -> TaskResult {
         },
         measured: answer(TRUTH),
         biomarker_factors: Default::default(),
+        rate_window_ms: None,
         samples: cardiotwin_schemas::samples::BeatSamples::default(),
         time_points: Default::default(),
         estimates: vec![],

@@ -251,7 +251,9 @@ fn organ_beat_result(spec: &OrganBeatSpec, result: &BeatResult, seen: Seen<'_>) 
     // One beat is never taken as periodic: its end says nothing of its start.
     let periodic = result.n_beats > 1 && result.periodic.unwrap_or(small_change);
     let [pressure, volume] = signals(traces, periodic)?;
-    let mut set = BiomarkerSet::of(Some(&pressure), Some(&volume), continuation(periodic, spec.cycle_length_ms))?;
+    let continuation = continuation(periodic, spec.cycle_length_ms);
+    let set = BiomarkerSet::of(Some(&pressure), Some(&volume), continuation)?;
+    let mut set = set.with_rates(&pressure, continuation, spec.rate_window_ms.map(Ms));
     if let (Some(measured), false) = (spec.measured_end_diastolic_volume_ml, periodic) {
         set = set.with_gap_to(Ml(measured));
     }

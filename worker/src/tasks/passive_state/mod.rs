@@ -18,7 +18,7 @@ use cardiotwin_schemas::settings::{ActivationSettings, StartMode};
 use cardiotwin_schemas::task::PassiveStateSpec;
 use cardiotwin_schemas::{biomarkers as files, organ};
 use cardiotwin_signals::resample::STEP;
-use cardiotwin_signals::{BiomarkerSet, Continuation, Quantity, Trace, resample};
+use cardiotwin_signals::{BiomarkerSet, Continuation, Quantity, Trace, rate_window, resample};
 use cardiotwin_units::{Kpa, Ml, Mmhg, Ms};
 
 use crate::biomarkers;
@@ -34,6 +34,8 @@ struct Measurements {
     set: BiomarkerSet,
     /// Of the traces, with what was given directly in their place.
     biomarkers: files::Biomarkers,
+    /// Window of their rates, where the pressure is noisy.
+    rate_window_ms: Option<f64>,
     /// What corrections add to a pressure at end-diastole \[mmHg\].
     moved_by: Mmhg,
 }
@@ -55,6 +57,11 @@ pub fn run(spec: &PassiveStateSpec, context: &mut Context) -> Result<TaskResult,
     let mut measured = Measurements::read(spec)?;
     let mut remarks = biomarkers::remarks(&measured.set);
     remarks.extend(corrections::remark(&spec.corrections));
+    remarks.extend(measured.rate_window_ms.map(|window_ms| {
+        format!(
+            "the measured pressure is noisy: its rates, and the simulated ones, are slopes of lines over {window_ms} ms"
+        )
+    }));
     let mut end_diastole = measured.end_diastole(spec, &mut estimates)?;
     measured.biomarkers.edv_ml = Some(end_diastole.volume_ml);
     measured.biomarkers.edp_mmhg = Some(end_diastole.pressure_mmhg);
@@ -91,6 +98,7 @@ pub fn run(spec: &PassiveStateSpec, context: &mut Context) -> Result<TaskResult,
         circulation,
         measured: measured.biomarkers,
         biomarker_factors,
+        rate_window_ms: measured.rate_window_ms,
         time_points: biomarkers::to_schema(&measured.set).1,
         samples: BeatSamples {
             pressure_mmhg: measured.pressure.as_ref().map_or_else(Vec::new, |p| samples(p, spec.cycle_length_ms)),
@@ -160,9 +168,15 @@ impl Measurements {
         let mut pressure = read(&spec.pressure, Quantity::Pressure)?;
         let mut volume = read(&spec.volume, Quantity::Volume)?;
         let moved_by = corrections::apply(&spec.corrections, spec.cycle_length_ms, &mut pressure, &mut volume)?;
-        let set = BiomarkerSet::of_samples(pressure.as_ref(), volume.as_ref(), periodic)?;
+        let mut set = BiomarkerSet::of_samples(pressure.as_ref(), volume.as_ref(), periodic)?;
+        // Rates that are given were taken by somebody else's rule.
+        let given = spec.biomarkers.dpdt_max_mmhg_per_ms.or(spec.biomarkers.dpdt_min_mmhg_per_ms).is_some();
+        let rate_window = pressure.as_ref().filter(|_| !given).and_then(|pressure| rate_window(pressure, periodic));
+        if let Some(pressure) = &pressure {
+            set = set.with_rates(pressure, periodic, rate_window);
+        }
         let biomarkers = biomarkers::overridden(&biomarkers::to_schema(&set).0, &spec.biomarkers);
-        Ok(Self { pressure, volume, set, biomarkers, moved_by })
+        Ok(Self { pressure, volume, set, biomarkers, rate_window_ms: rate_window.map(|window| window.0), moved_by })
     }
 
     fn end_diastole(&self, spec: &PassiveStateSpec, estimates: &mut Vec<Estimate>) -> Result<EndDiastole, TaskError> {
