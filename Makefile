@@ -86,8 +86,8 @@ evaluate-discover: ## search the made patients of docs/missing-effects.md and dr
 		"the fitted model=$(EVALUATION)/same=$(EVALUATION)/same.jsonl" \
 		"nulls of another formulation=$(EVALUATION)/nulls=$(EVALUATION)/nulls.jsonl"
 
-# Of patients that nobody has looked at while choosing anything; 20261124 was looked at.
-SECOND_COHORT_SEED ?= 20261125
+# Of patients that nobody has looked at while choosing anything; 20261124 and 20261125 were looked at.
+SECOND_COHORT_SEED ?= 20261126
 SECOND_COHORT := $(if $(CARGO_TARGET_DIR),$(CARGO_TARGET_DIR),target)/second-cohort
 second-cohort: build ## make twenty patients of another formulation, on whom nothing was chosen, and personalise them (docs/step3.md; 10 minutes)
 	$(EXAMPLE) validation -- $(SECOND_COHORT) --nulls 20 --singles 0 --seed $(SECOND_COHORT_SEED) --no-visibility --jobs $(JOBS)

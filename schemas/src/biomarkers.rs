@@ -152,3 +152,23 @@ mod tests {
         assert_eq!(biomarkers.step1_target_mut("EDV_mL"), None);
     }
 }
+
+/// Windows over which biomarkers of noisy traces are read; absent where samples are taken as they are.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct NoiseWindows {
+    /// Of the pressure: its largest value and its rates.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub pressure_ms: Option<f64>,
+    /// Of the volume.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub volume_ms: Option<f64>,
+}
+
+impl NoiseWindows {
+    /// Whether samples of both traces are taken as they are.
+    #[must_use]
+    pub fn are_none(&self) -> bool {
+        *self == Self::default()
+    }
+}

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::biomarkers::{Biomarkers, CellBiomarkers, TimePoints};
+use crate::biomarkers::{Biomarkers, CellBiomarkers, NoiseWindows, TimePoints};
 use crate::discover::Discovered;
 use crate::failure::Failure;
 use crate::ids::AttemptId;
@@ -121,9 +121,9 @@ pub struct PassiveStateResult {
     /// Factors that `measured` holds, where it is a sample of uncertain data and not what was measured.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub biomarker_factors: BTreeMap<String, f64>,
-    /// Window over which rates of pressure are taken, measured and simulated; absent where the measured trace is smooth.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub rate_window_ms: Option<f64>,
+    /// Windows over which noisy traces are read, measured and simulated alike; absent where measured traces are smooth.
+    #[serde(default, skip_serializing_if = "NoiseWindows::are_none")]
+    pub noise_windows: NoiseWindows,
     /// Their time points.
     pub time_points: TimePoints,
     /// Samples of the measured traces.

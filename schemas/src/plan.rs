@@ -118,7 +118,7 @@ impl ResolvedPatient {
             cell_stretch: CellStretch { origin: solver.cell_stretch, slack_stretch: solver.slack_stretch },
             beats,
             measured_end_diastolic_volume_ml: step0.measured.edv_ml,
-            rate_window_ms: step0.rate_window_ms,
+            noise_windows: step0.noise_windows,
             finite_element: in_3d.then(|| solver.finite_element.equations()),
         }
     }

@@ -184,8 +184,8 @@ pub struct Step1Settings {
     pub frozen: Vec<String>,
     /// Weights of the squared relative differences of the biomarkers (keys: `P_max_mmHg`, `dPdt_max_mmHg_per_ms`,
     /// `dPdt_min_mmHg_per_ms`, `PTD90_ms`, `tau_VD_ms`, `tau_VR_ms`, `SV_mL`) in what space mapping lowers and in its choice
-    /// of the best iteration. Defaults are (1 %/σ)² with the σ of `step3.uncertainty_percent`. The cost has none: every
-    /// weight is 1 there, that of `SV_mL` 0.
+    /// of the best iteration. Defaults are (1 %/σ)², with the errors σ that a clinic's noise makes
+    /// (docs/step1.md). The cost has none: every weight is 1 there, that of `SV_mL` 0.
     pub weights: BTreeMap<String, f64>,
     /// First guess of the Tanh model.
     pub initial: TanhParameters,
@@ -204,6 +204,24 @@ pub const STEP1_PARAMETERS: [&str; 6] =
 pub const STEP1_BIOMARKERS: [&str; 7] =
     ["P_max_mmHg", "dPdt_max_mmHg_per_ms", "dPdt_min_mmHg_per_ms", "PTD90_ms", "tau_VD_ms", "tau_VR_ms", "SV_mL"];
 
+/// Root mean square errors that noise of 1 to 1.5 mmHg and of 2 to 3 mL a frame makes of measured biomarkers, in percent: of
+/// 200 hearts of `solver/validation` (`cargo run --release -p cardiotwin-signals --example biomarker-noise`).
+const NOISE_PERCENT: [(&str, f64); 7] = [
+    ("P_max_mmHg", 1.0),
+    ("dPdt_max_mmHg_per_ms", 3.9),
+    ("dPdt_min_mmHg_per_ms", 3.3),
+    ("PTD90_ms", 1.4),
+    ("SV_mL", 3.8),
+    ("tau_VD_ms", 9.1),
+    ("tau_VR_ms", 9.7),
+];
+
+/// (1 %/σ)² to two digits, as a person would write them.
+fn noise_weights() -> BTreeMap<String, f64> {
+    let two_digits = |x: f64| format!("{x:.1e}").parse().unwrap_or(x);
+    NOISE_PERCENT.iter().map(|(name, sd)| ((*name).to_owned(), two_digits(sd.powi(-2)))).collect()
+}
+
 impl Default for Step1Settings {
     fn default() -> Self {
         Self {
@@ -215,8 +233,7 @@ impl Default for Step1Settings {
             stall_iterations: 3,
             stall_improvement: 0.05,
             frozen: Vec::new(),
-            // Step 3's standard deviations, as (1 %/σ)².
-            weights: Step3Settings::default().uncertainty_percent.into_iter().map(|(k, sd)| (k, sd.powi(-2))).collect(),
+            weights: noise_weights(),
             initial: TanhParameters::default(),
             valves: ValveParameters::default(),
             // Wide enough never to bind in a sane fit; the resistance floors are those of the paper's Table A6.

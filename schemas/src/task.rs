@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::biomarkers::{Biomarkers, CellBiomarkers};
+use crate::biomarkers::{Biomarkers, CellBiomarkers, NoiseWindows};
 use crate::discover::DiscoverSpec;
 use crate::finite_element::{AnatomySpec, EquationSettings, OwnMesh};
 use crate::hash::{canonical_json, sha256_hex};
@@ -227,9 +227,9 @@ pub struct OrganBeatSpec {
     /// For `end_of_beat_gap`.
     #[serde(rename = "measured_end_diastolic_volume_mL")]
     pub measured_end_diastolic_volume_ml: Option<f64>,
-    /// Window over which rates of pressure are taken, as those of the measured one; absent for differences of samples.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub rate_window_ms: Option<f64>,
+    /// Windows over which traces are read, as the measured ones are.
+    #[serde(default, skip_serializing_if = "NoiseWindows::are_none")]
+    pub noise_windows: NoiseWindows,
     /// How the equations of the finite-element ventricle are solved.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub finite_element: Option<EquationSettings>,

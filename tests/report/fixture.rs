@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
-use cardiotwin_schemas::biomarkers::{Biomarkers, CellBiomarkers, TimePoints};
+use cardiotwin_schemas::biomarkers::{Biomarkers, CellBiomarkers, NoiseWindows, TimePoints};
 use cardiotwin_schemas::failure::{Failure, FailureClass};
 use cardiotwin_schemas::hash::sha256_hex;
 use cardiotwin_schemas::ids::{PatientId, TaskKey};
@@ -339,7 +339,7 @@ fn finished(folder: &Folder, printed: &Printed, id: &str) -> PatientRecord {
         },
         measured: biomarkers(printed.clinical, edv, None),
         biomarker_factors: BTreeMap::new(),
-        rate_window_ms: None,
+        noise_windows: NoiseWindows::default(),
         samples: cardiotwin_schemas::samples::BeatSamples::default(),
         time_points: time_points(&p, &v),
         estimates: vec![Estimate {

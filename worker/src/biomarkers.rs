@@ -1,7 +1,7 @@
 //! From the solver's biomarkers to those that pass between processes.
 
-use cardiotwin_schemas::biomarkers::{Biomarkers, TimePoints};
-use cardiotwin_signals::{BiomarkerSet, Flag};
+use cardiotwin_schemas::biomarkers::{self, Biomarkers, TimePoints};
+use cardiotwin_signals::{BiomarkerSet, Flag, NoiseWindows};
 use cardiotwin_units::{Ml, Mmhg, Ms};
 
 /// The same values in the form of files.
@@ -34,6 +34,19 @@ pub fn to_schema(set: &BiomarkerSet) -> (Biomarkers, TimePoints) {
         t7_ms: ms(times.t7),
     };
     (biomarkers, time_points)
+}
+
+/// Windows of noisy traces in the form of files.
+#[must_use]
+pub fn windows_to_schema(windows: NoiseWindows) -> biomarkers::NoiseWindows {
+    let ms = |window: Option<Ms>| window.map(|window| window.0);
+    biomarkers::NoiseWindows { pressure_ms: ms(windows.pressure), volume_ms: ms(windows.volume) }
+}
+
+/// Windows of noisy traces from the form of files.
+#[must_use]
+pub fn windows_to_solver(windows: biomarkers::NoiseWindows) -> NoiseWindows {
+    NoiseWindows { pressure: windows.pressure_ms.map(Ms), volume: windows.volume_ms.map(Ms) }
 }
 
 /// What `given` states wins over what `found` holds.

@@ -70,7 +70,7 @@ fn rates_of_a_smooth_pressure_are_differences_and_those_of_a_noisy_one_have_a_wi
     let mut context = Context::plain(scratch.path(), 1);
     for number in 1..=7 {
         let state = support::passive_state(&support::step0(&format!("0{number}-CoA")), &mut context);
-        assert_eq!(state.rate_window_ms, None, "0{number}-CoA");
+        assert!(state.noise_windows.are_none(), "0{number}-CoA");
     }
 
     let smooth = support::step0("07-CoA");
@@ -86,7 +86,7 @@ fn rates_of_a_smooth_pressure_are_differences_and_those_of_a_noisy_one_have_a_wi
     let mut spec = smooth.clone();
     spec.pressure = Some(support::input("pressure", &file));
     let state = support::passive_state(&spec, &mut context);
-    let window_ms = state.rate_window_ms.expect("a noisy pressure");
+    let window_ms = state.noise_windows.pressure_ms.expect("a noisy pressure");
     assert!((4.0..=40.0).contains(&window_ms), "{window_ms}");
 
     // What the window takes off is taken off both: the simulated beat of a twin is not too slow for its data.

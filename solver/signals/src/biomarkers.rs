@@ -11,8 +11,9 @@
 //! over the time between two crossings. `tests/continuity.rs` bounds the change.
 
 use crate::cycle::{Continuation, Crossing, Cycle, Side, Way};
+use crate::noise_windows::{self, NoiseWindows};
 use crate::resample::{ResampleError, STEP, resample};
-use crate::{Quantity, Trace, rates};
+use crate::{Quantity, Trace};
 use cardiotwin_units::{Ml, Mmhg, Ms};
 use serde::{Deserialize, Serialize};
 
@@ -203,18 +204,29 @@ impl BiomarkerSet {
         self
     }
 
-    /// With rates of pressure over a window, as a noisy measurement asks for ([`crate::rate_window`]); as they are without one,
-    /// or where pressure has no pulse.
+    /// Biomarkers read over windows, as noisy measurements ask for; those of [`Self::of`] where there are none.
     ///
-    /// - `pressure`: the trace of these biomarkers
-    #[must_use]
-    pub fn with_rates(mut self, pressure: &Trace, continuation: Continuation, window: Option<Ms>) -> Self {
-        let resampled = window.and_then(|window| Some((window, resample(pressure, continuation, STEP).ok()?)));
-        if let (Some((window, trace)), false) = (resampled, self.has(Flag::NoPressurePulse)) {
-            let cycle = Cycle::new(trace.time_ms(), trace.values(), continuation);
-            self.add_rates(&cycle, rates::reach_of(window, &cycle));
+    /// # Errors
+    /// As [`Self::of`].
+    pub fn over(
+        pressure: Option<&Trace>,
+        volume: Option<&Trace>,
+        continuation: Continuation,
+        windows: NoiseWindows,
+    ) -> Result<Self, BiomarkerError> {
+        let at_step = |trace: Option<&Trace>| trace.map(|t| resample(t, continuation, STEP)).transpose();
+        let (pressure, mut volume) = (at_step(pressure)?, at_step(volume)?);
+        if let (Some(trace), Some(window)) = (&mut volume, windows.volume) {
+            let values = noise_windows::smoothed(trace, continuation, window);
+            *trace = Trace::new(trace.quantity(), trace.time_ms().to_vec(), values).map_err(ResampleError::from)?;
         }
-        self
+        let mut set = Self::of_samples(pressure.as_ref(), volume.as_ref(), continuation)?;
+        if let (Some(trace), Some(window), false) = (&pressure, windows.pressure, set.has(Flag::NoPressurePulse)) {
+            let cycle = Cycle::new(trace.time_ms(), trace.values(), continuation);
+            set.add_rates(&cycle, noise_windows::reach_of(window, &cycle));
+            set.p_max = noise_windows::smoothed(trace, continuation, window).into_iter().reduce(f64::max).map(Mmhg);
+        }
+        Ok(set)
     }
 
     /// Whether a flag is set.

@@ -139,6 +139,31 @@ impl<'a> Cycle<'a> {
         Some(over / (under * step_ms))
     }
 
+    /// Value at sample `i` of the least-squares parabola through samples up to `reach` away, of which seventeen count; of a
+    /// single beat, those that it has. Samples are equally far apart.
+    pub(crate) fn parabola_at(&self, i: isize, reach: isize) -> f64 {
+        let stride = (reach / 8).max(1);
+        let inside = |k: &isize| self.is_periodic() || (0..self.len() as isize).contains(&(i + k));
+        let (mut moments, mut sums) = ([0.0; 5], [0.0; 3]);
+        for k in (-(reach / stride)..=reach / stride).map(|k| k * stride).filter(inside) {
+            let (x, value) = (k as f64 / reach as f64, self.value(i + k));
+            for (power, moment) in moments.iter_mut().enumerate() {
+                *moment += x.powi(power as i32);
+            }
+            for (power, sum) in sums.iter_mut().enumerate() {
+                *sum += value * x.powi(power as i32);
+            }
+        }
+        let [m0, m1, m2, m3, m4] = moments;
+        // The first row of the normal matrix's inverse, by cofactors.
+        let cofactors = [m2 * m4 - m3 * m3, m2 * m3 - m1 * m4, m1 * m3 - m2 * m2];
+        let determinant = m0 * cofactors[0] + m1 * cofactors[1] + m2 * cofactors[2];
+        if determinant.abs() < 1e-9 {
+            return self.value(i);
+        }
+        cofactors.iter().zip(sums).map(|(cofactor, sum)| cofactor * sum).sum::<f64>() / determinant
+    }
+
     /// Index of the largest value, the first one if there are several.
     pub(crate) fn argmax(&self) -> isize {
         let mut best = 0;

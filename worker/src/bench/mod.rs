@@ -18,6 +18,7 @@ use std::time::{Duration, Instant};
 use cardiotwin_models::beat::{BeatOutcome, BeatSettings, run_beats};
 use cardiotwin_models::effects::Assembled;
 use cardiotwin_models::periodic::{FitSubject, Orbit, PeriodicSettings, find};
+use cardiotwin_schemas::biomarkers::NoiseWindows;
 use cardiotwin_schemas::organ::{
     ActivationSpec, BeatCount, CellStretch, CirculationSpec, ContractionSpec, OneFibrePassive, OrganSpec,
     TanhParameters, ValveParameters, WindkesselParameters,
@@ -174,7 +175,7 @@ fn average_ventricle() -> (OrganBeatSpec, OneFibrePassive, ActivationSpec) {
         cell_stretch: CellStretch::default(),
         beats: BeatCount::Fixed { n: 1 },
         measured_end_diastolic_volume_ml: None,
-        rate_window_ms: None,
+        noise_windows: NoiseWindows::default(),
         finite_element: None,
     };
     (spec, passive, activation)

@@ -103,7 +103,7 @@ pub fn beat_spec(
         cell_stretch: CellStretch::default(),
         beats: BeatCount::Fixed { n: 1 },
         measured_end_diastolic_volume_ml: state.measured.edv_ml,
-        rate_window_ms: state.rate_window_ms,
+        noise_windows: state.noise_windows,
         finite_element: match state.organ {
             OrganSpec::Reduced { .. } | OrganSpec::External(_) => None,
             OrganSpec::FiniteElement(_) => Some(FiniteElementSettings::default().equations()),

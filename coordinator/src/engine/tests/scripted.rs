@@ -5,7 +5,7 @@ use std::path::Path;
 use std::sync::{Arc, Mutex};
 
 use cardiotwin_schemas::SCHEMA_VERSION;
-use cardiotwin_schemas::biomarkers::{Biomarkers, CellBiomarkers};
+use cardiotwin_schemas::biomarkers::{Biomarkers, CellBiomarkers, NoiseWindows};
 use cardiotwin_schemas::failure::{Failure, FailureClass};
 use cardiotwin_schemas::finite_element::{FiniteElementOrgan, VentricleFigures};
 use cardiotwin_schemas::hash::sha256_hex;
@@ -120,7 +120,7 @@ fn passive_state(edp_mmhg: f64) -> TaskResult {
         },
         measured: answer(TRUTH),
         biomarker_factors: Default::default(),
-        rate_window_ms: None,
+        noise_windows: NoiseWindows::default(),
         samples: cardiotwin_schemas::samples::BeatSamples::default(),
         time_points: Default::default(),
         estimates: vec![],

@@ -12,6 +12,8 @@ pub const CHARACTERISTIC_SHARE: f64 = 0.06;
 pub const ATRIAL_SHARE: f64 = 0.75;
 /// Time constants among which the load is sought \[ms\].
 const TAU_RANGE_MS: (f64, f64) = (50.0, 50_000.0);
+/// A time constant longer than adults have (1 to 2.5 s): beyond it a smaller share of R1 explains a small pulse \[ms\].
+const LONG_TAU_MS: f64 = 5000.0;
 
 /// A value that was not measured.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -115,7 +117,8 @@ fn periodic_response(flow: &[f64], interval_ms: f64, tau_ms: f64) -> Vec<f64> {
 /// Three-element Windkessel that gives the cuff's systolic and diastolic pressure with the measured ejection flow.
 ///
 /// With R1/R2 held at [`CHARACTERISTIC_SHARE`] the pressure is R2 times a response that depends on R2 C alone; the ratio of
-/// its largest to its smallest value falls with R2 C, so that a bracketed search finds it.
+/// its largest to its smallest value falls with R2 C, so that a bracketed search finds it. Where the cuff's pulse is too small
+/// for any R2 C up to 5 s, R1/R2 is lowered.
 ///
 /// - `volume_ml`: samples of the periodic volume trace at a constant `interval`
 ///
@@ -133,35 +136,47 @@ pub fn windkessel(
         return Err(EstimateError::Cuff { systolic_mmhg, diastolic_mmhg });
     }
     let flow = ejection_flow(volume_ml, interval)?;
-    let extremes = |tau_ms: f64| {
+    let extremes = |share: f64, tau_ms: f64| {
         let response = periodic_response(&flow, interval.0, tau_ms);
         flow.iter().zip(&response).fold((f64::INFINITY, 0.0), |(low, high): (f64, f64), (q, y)| {
-            let p = CHARACTERISTIC_SHARE * q + y;
+            let p = share * q + y;
             (low.min(p), high.max(p))
         })
     };
-    let ratio = |tau_ms: f64| {
-        let (low, high) = extremes(tau_ms);
-        high / low
+    // Logarithm of the pulse that is left to explain; it tames the ratio at short time constants.
+    let left = |share: f64, tau_ms: f64| {
+        let (low, high) = extremes(share, tau_ms);
+        (systolic_mmhg / diastolic_mmhg).ln() - (high / low).ln().min(1e3)
     };
-    let wanted = systolic_mmhg / diastolic_mmhg;
-    let (low, high) = (TAU_RANGE_MS.0.ln(), TAU_RANGE_MS.1.ln());
-    let log_tau = increasing_root(low, high, 1500f64.ln(), 1e-9, |log_tau| {
-        // The logarithm tames the ratio at short time constants; its slope comes from a difference.
-        let value = |x: f64| wanted.ln() - ratio(x.exp()).ln().min(1e3);
-        (value(log_tau), (value(log_tau + 1e-4) - value(log_tau - 1e-4)) / 2e-4)
-    })
-    .map_err(|source| EstimateError::NoLoad { systolic_mmhg, diastolic_mmhg, source })?;
-    let tau_ms = log_tau.exp();
-    let r2 = diastolic_mmhg / extremes(tau_ms).0;
+    let root = |low: f64, high: f64, start: f64, left: &dyn Fn(f64) -> f64| {
+        increasing_root(low, high, start, 1e-9, |x| (left(x), (left(x + 1e-4) - left(x - 1e-4)) / 2e-4))
+    };
+    let time_constant = |share: f64, range: (f64, f64)| {
+        let (low, high) = (range.0.ln(), range.1.ln());
+        root(low, high, 1500f64.ln().max(low), &|log_tau| left(share, log_tau.exp())).map(f64::exp)
+    };
+    let usual = time_constant(CHARACTERISTIC_SHARE, (TAU_RANGE_MS.0, LONG_TAU_MS));
+    let (share, tau_ms) = match usual {
+        Ok(tau_ms) => (CHARACTERISTIC_SHARE, tau_ms),
+        // A flow from rough frames has a peak that the usual R1 alone turns into more than the cuff's pulse.
+        Err(_) => match root(-CHARACTERISTIC_SHARE, 0.0, -0.5 * CHARACTERISTIC_SHARE, &|x| left(-x, LONG_TAU_MS)) {
+            Ok(less) => (-less, LONG_TAU_MS),
+            Err(_) => {
+                let tau_ms = time_constant(0.0, (LONG_TAU_MS, TAU_RANGE_MS.1));
+                (0.0, tau_ms.map_err(|source| EstimateError::NoLoad { systolic_mmhg, diastolic_mmhg, source })?)
+            }
+        },
+    };
+    let r2 = diastolic_mmhg / extremes(share, tau_ms).0;
     let value = WindkesselParameters {
-        characteristic_resistance: MmhgSPerMl(CHARACTERISTIC_SHARE * r2),
+        characteristic_resistance: MmhgSPerMl(share * r2),
         peripheral_resistance: MmhgSPerMl(r2),
         compliance: MlPerMmhg(tau_ms * 1e-3 / r2),
     };
     let how = format!(
         "estimated: Windkessel through the cuff pressures {systolic_mmhg:.0}/{diastolic_mmhg:.0} mmHg with flow = -dV/dt in \
-         ejection and R1 = {CHARACTERISTIC_SHARE} R2"
+         ejection and R1 = {} R2",
+        (1e3 * share).round() / 1e3
     );
     Ok(Estimated { value, how })
 }
@@ -230,6 +245,19 @@ mod tests {
     fn a_wider_pulse_means_less_compliance() {
         let at = |systolic| windkessel(&volume(), Ms(1.0), Mmhg(systolic), Mmhg(70.0)).unwrap().value.compliance.0;
         assert!(at(140.0) < at(120.0) && at(120.0) < at(105.0));
+    }
+
+    #[test]
+    fn a_pulse_too_small_for_the_usual_impedance_lowers_it() {
+        let (systolic, diastolic) = (110.0, 95.0);
+        let found = windkessel(&volume(), Ms(1.0), Mmhg(systolic), Mmhg(diastolic)).unwrap();
+        let (r1, r2) = (found.value.characteristic_resistance.0, found.value.peripheral_resistance.0);
+        assert!(r1 / r2 < 0.99 * CHARACTERISTIC_SHARE && r1 >= 0.0, "{}", r1 / r2);
+        let flow = ejection_flow(&volume(), Ms(1.0)).unwrap();
+        let response = periodic_response(&flow, 1.0, found.value.compliance.0 * r2 * 1e3);
+        let pressures = flow.iter().zip(&response).map(|(q, y)| r1 * q + r2 * y);
+        let (low, high) = pressures.fold((f64::MAX, 0.0), |(l, h): (f64, f64), p| (l.min(p), h.max(p)));
+        assert!((low - diastolic).abs() < 1e-3 && (high - systolic).abs() < 1e-3, "{low} to {high} mmHg");
     }
 
     #[test]

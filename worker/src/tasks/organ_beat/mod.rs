@@ -252,8 +252,8 @@ fn organ_beat_result(spec: &OrganBeatSpec, result: &BeatResult, seen: Seen<'_>) 
     let periodic = result.n_beats > 1 && result.periodic.unwrap_or(small_change);
     let [pressure, volume] = signals(traces, periodic)?;
     let continuation = continuation(periodic, spec.cycle_length_ms);
-    let set = BiomarkerSet::of(Some(&pressure), Some(&volume), continuation)?;
-    let mut set = set.with_rates(&pressure, continuation, spec.rate_window_ms.map(Ms));
+    let windows = biomarkers::windows_to_solver(spec.noise_windows);
+    let mut set = BiomarkerSet::over(Some(&pressure), Some(&volume), continuation, windows)?;
     if let (Some(measured), false) = (spec.measured_end_diastolic_volume_ml, periodic) {
         set = set.with_gap_to(Ml(measured));
     }

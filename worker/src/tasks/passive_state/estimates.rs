@@ -57,8 +57,8 @@ impl<'a> Loads<'a> {
     /// The load that has the arterial pressures under the measured ejection.
     pub(super) fn afterload(&self, estimates: &mut Vec<Estimate>) -> Result<WindkesselParameters, TaskError> {
         let (systolic, diastolic, origin) = self.arterial_pressures()?;
-        let (volume, shape) = match &self.measured.volume {
-            Some(trace) => (trace.values().to_vec(), "measured ejection"),
+        let (volume, shape) = match self.measured.quiet_volume(self.spec.cycle_length_ms) {
+            Some(volume) => (volume, "measured ejection"),
             None => (self.assumed_volume(), "an assumed ejection of the stroke volume"),
         };
         let found = estimate::windkessel(&volume, Ms(1.0), Mmhg(systolic), Mmhg(diastolic))?;

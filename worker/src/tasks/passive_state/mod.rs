@@ -18,7 +18,7 @@ use cardiotwin_schemas::settings::{ActivationSettings, StartMode};
 use cardiotwin_schemas::task::PassiveStateSpec;
 use cardiotwin_schemas::{biomarkers as files, organ};
 use cardiotwin_signals::resample::STEP;
-use cardiotwin_signals::{BiomarkerSet, Continuation, Quantity, Trace, rate_window, resample};
+use cardiotwin_signals::{BiomarkerSet, Continuation, NoiseWindows, Quantity, Trace, noise_windows, resample};
 use cardiotwin_units::{Kpa, Ml, Mmhg, Ms};
 
 use crate::biomarkers;
@@ -34,8 +34,8 @@ struct Measurements {
     set: BiomarkerSet,
     /// Of the traces, with what was given directly in their place.
     biomarkers: files::Biomarkers,
-    /// Window of their rates, where the pressure is noisy.
-    rate_window_ms: Option<f64>,
+    /// Windows over which biomarkers are read.
+    windows: NoiseWindows,
     /// What corrections add to a pressure at end-diastole \[mmHg\].
     moved_by: Mmhg,
 }
@@ -57,11 +57,7 @@ pub fn run(spec: &PassiveStateSpec, context: &mut Context) -> Result<TaskResult,
     let mut measured = Measurements::read(spec)?;
     let mut remarks = biomarkers::remarks(&measured.set);
     remarks.extend(corrections::remark(&spec.corrections));
-    remarks.extend(measured.rate_window_ms.map(|window_ms| {
-        format!(
-            "the measured pressure is noisy: its rates, and the simulated ones, are slopes of lines over {window_ms} ms"
-        )
-    }));
+    remarks.extend(noise_remarks(measured.windows));
     let mut end_diastole = measured.end_diastole(spec, &mut estimates)?;
     measured.biomarkers.edv_ml = Some(end_diastole.volume_ml);
     measured.biomarkers.edp_mmhg = Some(end_diastole.pressure_mmhg);
@@ -98,7 +94,7 @@ pub fn run(spec: &PassiveStateSpec, context: &mut Context) -> Result<TaskResult,
         circulation,
         measured: measured.biomarkers,
         biomarker_factors,
-        rate_window_ms: measured.rate_window_ms,
+        noise_windows: biomarkers::windows_to_schema(measured.windows),
         time_points: biomarkers::to_schema(&measured.set).1,
         samples: BeatSamples {
             pressure_mmhg: measured.pressure.as_ref().map_or_else(Vec::new, |p| samples(p, spec.cycle_length_ms)),
@@ -165,18 +161,33 @@ impl Measurements {
             let trace = input.as_ref().map(|file| read_trace(file, quantity)).transpose()?;
             trace.map(|trace| resample(&trace, periodic, STEP)).transpose().map_err(TaskError::from)
         };
+        let frames = spec.volume.as_ref().map(|file| read_trace(file, Quantity::Volume)).transpose()?;
         let mut pressure = read(&spec.pressure, Quantity::Pressure)?;
         let mut volume = read(&spec.volume, Quantity::Volume)?;
         let moved_by = corrections::apply(&spec.corrections, spec.cycle_length_ms, &mut pressure, &mut volume)?;
-        let mut set = BiomarkerSet::of_samples(pressure.as_ref(), volume.as_ref(), periodic)?;
-        // Rates that are given were taken by somebody else's rule.
-        let given = spec.biomarkers.dpdt_max_mmhg_per_ms.or(spec.biomarkers.dpdt_min_mmhg_per_ms).is_some();
-        let rate_window = pressure.as_ref().filter(|_| !given).and_then(|pressure| rate_window(pressure, periodic));
-        if let Some(pressure) = &pressure {
-            set = set.with_rates(pressure, periodic, rate_window);
-        }
-        let biomarkers = biomarkers::overridden(&biomarkers::to_schema(&set).0, &spec.biomarkers);
-        Ok(Self { pressure, volume, set, biomarkers, rate_window_ms: rate_window.map(|window| window.0), moved_by })
+        // Biomarkers that are given were read by somebody else's rule.
+        let given = &spec.biomarkers;
+        let of_pressure = [given.p_max_mmhg, given.dpdt_max_mmhg_per_ms, given.dpdt_min_mmhg_per_ms];
+        let of_volume = [given.sv_ml, given.tau_vd_ms, given.tau_vr_ms];
+        let ours = |given: &[Option<f64>]| given.iter().all(Option::is_none);
+        let windows = NoiseWindows::of(
+            pressure.as_ref().filter(|_| ours(&of_pressure)),
+            frames.as_ref().filter(|_| ours(&of_volume)),
+            periodic,
+        );
+        let set = BiomarkerSet::over(pressure.as_ref(), volume.as_ref(), periodic, windows)?;
+        let biomarkers = biomarkers::overridden(&biomarkers::to_schema(&set).0, given);
+        Ok(Self { pressure, volume, set, biomarkers, windows, moved_by })
+    }
+
+    /// The volume without the noise that a window takes off.
+    fn quiet_volume(&self, cycle_length_ms: f64) -> Option<Vec<f64>> {
+        let volume = self.volume.as_ref()?;
+        let periodic = Continuation::periodic(Ms(cycle_length_ms));
+        Some(match self.windows.volume {
+            Some(window) => noise_windows::smoothed(volume, periodic, window),
+            None => volume.values().to_vec(),
+        })
     }
 
     fn end_diastole(&self, spec: &PassiveStateSpec, estimates: &mut Vec<Estimate>) -> Result<EndDiastole, TaskError> {
@@ -205,6 +216,17 @@ impl Measurements {
         };
         Ok(EndDiastole { volume_ml, pressure_mmhg })
     }
+}
+
+/// How noisy traces are read.
+fn noise_remarks(windows: NoiseWindows) -> Vec<String> {
+    let said = |trace: &str, window: Option<Ms>, what: &str| {
+        window.map(|window| {
+            format!("the measured {trace} is noisy: {what}, measured and simulated, are read over {:.0} ms", window.0)
+        })
+    };
+    let pressure = said("pressure", windows.pressure, "its largest value and its rates");
+    pressure.into_iter().chain(said("volume", windows.volume, "its biomarkers")).collect()
 }
 
 /// The accepted law with the active stretch counted from the measured end-diastolic volume.
