@@ -406,9 +406,50 @@ pub struct DiscoverCase {
     pub summary: String,
     /// Key of the task that found it.
     pub task: String,
+    /// What the beats of the cohort's run miss of the measured traces, where it personalised the patient.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub run: Option<RunMisses>,
     /// What was found.
     #[serde(flatten)]
     pub found: Discovered,
+}
+
+/// What beats of a personalised patient miss of the measured traces.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct RunMisses {
+    /// Of the pressure, mmHg; absent where it was not measured.
+    #[serde(rename = "pressure_mmHg")]
+    pub pressure_mmhg: Option<TraceMisses>,
+    /// Of the volume, mL; absent where it was not measured.
+    #[serde(rename = "volume_mL")]
+    pub volume_ml: Option<TraceMisses>,
+}
+
+/// Root mean squares of simulated minus measured over one beat, in the trace's unit.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct TraceMisses {
+    /// Of step 1's beat, whose active stress moved freely.
+    pub step1: f64,
+    /// Of the verification beat, with the cell that was fitted outside of the organ.
+    pub verification: f64,
+    /// Of the twin's beat.
+    pub twin: f64,
+}
+
+impl TraceMisses {
+    /// The share of the organ's model: no other active stress and no other cell of this run came nearer.
+    #[must_use]
+    pub fn of_organ(&self) -> f64 {
+        self.step1.min(self.twin)
+    }
+
+    /// What the verification beat misses beyond that: the share of step 2's cell.
+    #[must_use]
+    pub fn of_cell(&self) -> f64 {
+        (self.verification.powi(2) - self.of_organ().powi(2)).max(0.0).sqrt()
+    }
 }
 
 /// What `cardiotwin discover COHORT --json` writes: a case each, by name.

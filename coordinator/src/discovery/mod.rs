@@ -25,6 +25,7 @@ pub fn case(patient: &str, task: &str, found: &Discovered) -> DiscoverCase {
         case: patient.to_owned(),
         summary: words::summary(found),
         task: task.to_owned(),
+        run: None,
         found: found.clone(),
     }
 }

@@ -54,9 +54,10 @@ pub fn part(cases: &DiscoverCases) -> Markup {
 pub fn cohort(cases: &DiscoverCases) -> Markup {
     html! {
         @if cases.len() > 1 {
-            p { "An effect that most patients lack is a fault of the model; one that a single patient shows is that patient's." }
+            p { "An effect that most patients lack is a fault of the organ's model; one that a single patient shows is that patient's." }
             (tables::patients(cases))
             (tables::pooled(cases))
+            @if cases.values().any(|case| case.run.is_some()) { (tables::run_misses(cases)) }
             @if cases.values().any(|case| case.found.stated_filling.is_some()) { (tables::filling(cases)) }
         }
     }
@@ -136,7 +137,14 @@ mod tests {
     use cardiotwin_schemas::discover::Discovered;
 
     fn case(id: &str, found: Discovered) -> DiscoverCase {
-        DiscoverCase { schema_version: 1, case: id.into(), summary: words::summary(&found), task: "t".into(), found }
+        DiscoverCase {
+            schema_version: 1,
+            case: id.into(),
+            summary: words::summary(&found),
+            task: "t".into(),
+            run: None,
+            found,
+        }
     }
 
     #[test]

@@ -5,6 +5,7 @@ use maud::{Markup, html};
 
 use crate::report::format::{fixed, significant, symbol};
 use crate::report::tables::scrolling;
+use crate::results::discovery::faults;
 use crate::results::discovery::pool::pool;
 use crate::results::discovery::words::{plain, strength};
 
@@ -143,6 +144,28 @@ pub fn patients(cases: &DiscoverCases) -> Markup {
     } })
 }
 
+/// What the cohort's run misses, and whether the organ's model or the cell does.
+#[must_use]
+pub fn run_misses(cases: &DiscoverCases) -> Markup {
+    let rms = |value: f64| number_of(value, 1);
+    scrolling(&html! { table {
+        caption { "Beats of the run against the measured traces, rms" }
+        thead { tr {
+            th { "patient" } th.unit { "trace" } th { "step 1" } th { "verification" } th { "twin" } th { "organ's model" } th { "cell" } th.unit { "mostly a fault of" }
+        } }
+        tbody { @for case in cases.values() { @if let Some(run) = &case.run { @for (name, unit, misses) in faults::traces(run) { tr {
+            th scope="row" { (case.case) }
+            td { (name) ", " (unit) }
+            (rms(misses.step1)) (rms(misses.verification)) (rms(misses.twin)) (rms(misses.of_organ())) (rms(misses.of_cell()))
+            td { (faults::whose(&misses)) }
+        } } } } }
+    } })
+}
+
+fn number_of(value: f64, digits: usize) -> Markup {
+    html! { td.num { (format!("{value:.digits$}")) } }
+}
+
 /// Evidence of all patients together.
 #[must_use]
 pub fn pooled(cases: &DiscoverCases) -> Markup {
@@ -153,7 +176,7 @@ pub fn pooled(cases: &DiscoverCases) -> Markup {
             th scope="row" { (plain(&effect.name)) }
             td.num { (effect.accepted_in) " of " (cases.len()) }
             td.num { (format!("{:.1}", effect.log_evidence)) }
-            td { @if effect.of_the_model { "the model" } @else if effect.accepted_in > 0 { "single patients" } }
+            td { @if effect.of_the_model { "the organ's model" } @else if effect.accepted_in > 0 { "single patients" } }
         } } }
     } })
 }

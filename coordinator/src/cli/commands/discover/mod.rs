@@ -15,10 +15,13 @@ use clap::Args;
 use crate::cli::commands::report::FILE;
 use crate::cli::error::CliError;
 use crate::cli::exit::Exit;
+use crate::cli::place::{DATABASE, Folders};
 use crate::cli::table::duration;
 use crate::cli::talk::{Talk, count};
 use crate::discovery;
+use crate::engine::Reader;
 use crate::report::{discovery_svg, write_discovery};
+use crate::results::discovery::faults;
 use source::Source;
 
 /// Find what the model lacks in measured traces, name it, and show the gap shrink
@@ -89,7 +92,8 @@ pub async fn execute(args: &DiscoverArgs, talk: &Talk) -> Result<Exit, CliError>
     if args.revert {
         return accept::revert(&source, talk);
     }
-    let ended = search::run(args, &source, talk).await?;
+    let mut ended = search::run(args, &source, talk).await?;
+    add_run(&source, &mut ended.cases).await;
     let cases = &ended.cases;
     discovery::write(&discovery::cases_file(&ended.run_dir), &discovery::cases_text(cases))
         .map_err(CliError::file("write", discovery::cases_file(&ended.run_dir)))?;
@@ -126,6 +130,21 @@ pub async fn execute(args: &DiscoverArgs, talk: &Talk) -> Result<Exit, CliError>
         return Ok(Exit::Interrupted);
     }
     Ok(if ended.failures.is_empty() { Exit::Ok } else { Exit::Problems })
+}
+
+/// Adds what the beats of the cohort's run miss; nothing where there is no run, or one that cannot be read.
+async fn add_run(source: &Source, cases: &mut DiscoverCases) {
+    let Some(folders) = source.cohort_folder().map(|cohort| Folders::of(cohort, None)) else { return };
+    if !folders.run.join(DATABASE).exists() {
+        return;
+    }
+    let Ok(reader) = Reader::open(&folders.run).await else { return };
+    let Ok(record) = reader.record().await else { return };
+    for patient in &record.patients {
+        if let Some(case) = cases.get_mut(patient.plan.id.0.as_str()) {
+            case.run = faults::of_run(patient);
+        }
+    }
 }
 
 /// One object for a patient; for a cohort, objects by name.

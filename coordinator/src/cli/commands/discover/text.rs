@@ -4,6 +4,7 @@ use cardiotwin_schemas::discover::{DiscoverCase, DiscoverCases, Place};
 
 use crate::cli::table::{Columns, number, optional};
 use crate::cli::talk::{Talk, Tone, count};
+use crate::results::discovery::faults;
 use crate::results::discovery::pool::pool;
 use crate::results::discovery::words;
 
@@ -135,7 +136,7 @@ pub fn cohort(cases: &DiscoverCases, talk: &Talk) -> String {
     let mut table = Columns::new(talk, &["EFFECT", ">ACCEPTED IN", ">POOLED EVIDENCE", "A FAULT OF"]);
     for pooled in pool(cases.values().map(|case| &case.found)) {
         let fault = match (pooled.of_the_model, pooled.accepted_in) {
-            (true, _) => "the model",
+            (true, _) => "the organ's model",
             (false, 0) => "",
             (false, _) => "single patients",
         };
@@ -145,8 +146,37 @@ pub fn cohort(cases: &DiscoverCases, talk: &Talk) -> String {
     text.push('\n');
     text.push_str(&table.text());
     text.push('\n');
+    text.push_str(&run_misses(cases, talk));
     text.push_str(&filling(cases, talk));
     text
+}
+
+/// What the cohort's run misses, and whether the organ's model or the cell does; nothing where it personalised nobody.
+fn run_misses(cases: &DiscoverCases, talk: &Talk) -> String {
+    let headings =
+        ["PATIENT", "TRACE", ">STEP 1", ">VERIFICATION", ">TWIN", ">ORGAN'S MODEL", ">CELL", "MOSTLY A FAULT OF"];
+    let mut table = Columns::new(talk, &headings);
+    let personalised = cases.values().filter_map(|case| Some((case, case.run.as_ref()?)));
+    let mut any = false;
+    for (case, run) in personalised {
+        for (name, unit, misses) in faults::traces(run) {
+            any = true;
+            let values = [misses.step1, misses.verification, misses.twin, misses.of_organ(), misses.of_cell()]
+                .map(|rms| format!("{rms:.1}"));
+            let mut row = vec![case.case.clone(), format!("{name}, {unit}")];
+            row.extend(values);
+            row.push(faults::whose(&misses).to_owned());
+            table.row(row);
+        }
+    }
+    if !any {
+        return String::new();
+    }
+    format!(
+        "{}rms over the beat of the cohort's run; the organ's model: what no active stress and no cell of it came nearer than; \
+         the cell: what step 2's cell misses beyond that\n\n",
+        table.text()
+    )
 }
 
 /// End-diastolic volumes with the filling pressure of the patient's file; nothing where no file states one.
