@@ -245,7 +245,7 @@ impl BiomarkerSet {
             self.flags.push(Flag::NoPressurePulse);
             return;
         }
-        let (steepest, fastest_fall) = self.add_rates(p, 1);
+        let [steepest, fastest_fall] = self.add_rates(p, 1);
         if steepest.is_none() || fastest_fall.is_none() {
             self.flags.push(Flag::NoPressurePulse);
         }
@@ -273,7 +273,7 @@ impl BiomarkerSet {
     }
 
     /// Largest and smallest rate with their indices, of lines through the samples up to `reach` away.
-    fn add_rates(&mut self, p: &Cycle, reach: isize) -> (Option<(isize, f64)>, Option<(isize, f64)>) {
+    fn add_rates(&mut self, p: &Cycle, reach: isize) -> [Option<(isize, f64)>; 2] {
         let peak = p.argmax();
         // Half a cycle to either side of a periodic trace's peak holds up- and downstroke wherever its time zero lies, and
         // leaves out the diastole in which an end and a beginning that do not fit may be joined.
@@ -287,7 +287,7 @@ impl BiomarkerSet {
         self.dpdt_min_mmhg_per_ms = fastest_fall.map(|x| x.1);
         self.time_points.t_dpdt_max = steepest.map(|x| Ms(p.time(x.0)));
         self.time_points.t_dpdt_min = fastest_fall.map(|x| Ms(p.time(x.0)));
-        (steepest, fastest_fall)
+        [steepest, fastest_fall]
     }
 
     fn add_volume(&mut self, v: &Cycle) {

@@ -52,7 +52,7 @@ fn pressure_window(pressure: &Trace, continuation: Continuation) -> Option<Ms> {
     let quiet = |reach: &isize| noise_over_largest(&cycle, *reach).is_none_or(|noise| noise <= TOLERATED_RATE_NOISE);
     let reach = (1..=MOST_SAMPLES).find(quiet).unwrap_or(MOST_SAMPLES);
     let step_ms = cycle.time(1) - cycle.time(0);
-    (reach > 1).then(|| Ms(2.0 * reach as f64 * step_ms))
+    (reach > 1).then_some(Ms(2.0 * reach as f64 * step_ms))
 }
 
 /// The noise is told by second differences of neighbouring frames; their lower quartile leaves out where the volume bends.
