@@ -61,6 +61,34 @@ fn a_patient_is_personalised_with_another_solver_and_its_source_is_part_of_the_d
 }
 
 #[test]
+fn step_3_moves_the_cell_of_another_solver() {
+    let Some(cohort) = cohort("02-CoA", "") else { return };
+    let until =
+        ["--set", "workflow.until=step3", "--set", "step3.max_iterations=2", "--set", "posterior.enabled=false"];
+    // Exit code 2 where the twin does not hold after two beats.
+    cohort.call(&[&["run", "--no-report", "--quiet"][..], &until].concat());
+    let patient = cohort.patient("02-CoA");
+    let beats = patient["step3_iterations"].as_array().unwrap_or_else(|| panic!("{patient:#}"));
+    assert!((1..=2).contains(&beats.len()), "{beats:#?}");
+    let misfit = |beat: &serde_json::Value| beat["misfit"].as_f64();
+    let best = beats.iter().filter_map(misfit).fold(f64::INFINITY, f64::min);
+    assert!(best.is_finite() && beats[0]["proposal"].is_object(), "{beats:#?}");
+    // The same sum of squares of the verification beat, from its biomarkers alone: step 3 came nearer.
+    let off = |run: &serde_json::Value| {
+        let (found, measured) = (&run["result"]["biomarkers"], &patient["step0"]["result"]["measured"]);
+        ["P_max_mmHg", "PTD90_ms", "SV_mL"]
+            .iter()
+            .map(|name| (found[name].as_f64().unwrap() / measured[name].as_f64().unwrap() - 1.0).abs())
+            .fold(0.0, f64::max)
+    };
+    let taken = patient["step3"]["best_iteration"].as_u64().expect("a beat of step 3");
+    let twin = beats.iter().find(|beat| beat["number"] == taken).map_or(&patient["verification"], |beat| &beat["run"]);
+    assert!(off(twin) < off(&patient["verification"]), "{} and {}", off(twin), off(&patient["verification"]));
+    let directory = twin["directory"].as_str().expect("a directory");
+    assert!(Path::new(directory).join("external").is_dir(), "the other solver simulated it");
+}
+
+#[test]
 fn parameter_files_and_nodal_results_of_opencarp_give_the_same_answer() {
     let Some(plain) = cohort("02-CoA", "") else { return };
     let settings = "command = [\"python3\", \"{model}\", \"{parameters}\", \"{out}\", \"--igb\"]\nparameters = \"json\"\n\

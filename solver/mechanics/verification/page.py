@@ -494,7 +494,7 @@ PAPER = {"step 1": [5.4, 13.6, 7.7, 1.4, 10.0], "verification": [5.5, 22.5, 39.9
 STEP3 = [2.0, 5.0, 8.0, 1.0, 2.0]
 WORST = 3
 FIDELITIES = {"finite-element": "3D, 1,000 nodes", "reduced": "reduced ventricle"}
-# Biomarkers that are held: of step 2's cell, which is fitted outside of the organ, two (docs/step2.md tells why).
+# Biomarkers that are held: of step 2's cell, which is fitted outside of the organ, two (docs/step3.md tells why).
 HELD = {"step 1": BIOMARKERS, "verification": ["P_max", "SV"], "step 3": BIOMARKERS}
 
 
