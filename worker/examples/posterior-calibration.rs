@@ -2,8 +2,8 @@
 //!
 //! `posterior-calibration FIRST PATIENTS SPEC…`: each specification of a task `posterior` (`attempts/*/*/spec.json` of a run) lends
 //! its heart, its loads, its noise and its prior. The truth of a patient is a draw of that prior whose beat is a heart's; its
-//! traces get noise as the file states it, its measured rates of pressure an error of `step3.uncertainty_percent`. The task that a run would do gets them and nothing else. Beats of its draws under
-//! other loads, in their periodic states, are compared with the truth's. Lines go to stdout, a table to stderr at the end.
+//! traces get noise as the file states it, its measured biomarkers an error of `step3.uncertainty_percent`. Step 3 finds a twin for them, from a cell at the prior's centre,
+//! and the task `posterior` gets that twin, as in a run; neither knows the truth. Beats of its draws under other loads, in their periodic states, are compared with the truth's. Lines go to stdout, a table to stderr at the end.
 
 use std::collections::BTreeMap;
 
@@ -14,12 +14,13 @@ use cardiotwin_calibrate::statistics::quantile_of;
 use cardiotwin_schemas::organ::{BeatCount, OrganSpec};
 use cardiotwin_schemas::outcome::{Determination, OrganBeatResult, TaskResult};
 use cardiotwin_schemas::posterior::{PosteriorSpec, TraceNoise, TwinBeat};
-use cardiotwin_schemas::samples::{BeatSamples, N_SAMPLES};
-use cardiotwin_schemas::task::{OrganBeatSpec, TaskSpec};
+use cardiotwin_schemas::samples::{BeatSamples, MeasuredTraces, N_SAMPLES, TraceDeviations};
+use cardiotwin_schemas::task::{OrganBeatSpec, ProposalRun, Step3ProposalSpec, Step3Run, TaskSpec};
 use cardiotwin_worker::context::Context;
 use cardiotwin_worker::tasks::organ_beat::reduced_beat;
 use cardiotwin_worker::tasks::posterior;
 use cardiotwin_worker::tasks::proposal::axes::{Axis, axes, is_sensitive, named};
+use cardiotwin_worker::tasks::proposal::step3;
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64;
 
@@ -40,10 +41,11 @@ fn main() -> anyhow::Result<()> {
     for patient in first..first + n {
         let heart = hearts.get(patient % hearts.len().max(1)).context("no specification was named")?;
         let mut generator = Pcg64::seed_from_u64(20_261_125 + patient as u64);
-        let (spec, truth) = simulated(heart, &mut generator)?;
+        let (spec, true_parameters, truth) = simulated(heart, &mut generator)?;
         let scratch = std::env::temp_dir().join("posterior-calibration");
         std::fs::create_dir_all(&scratch)?;
-        let answer = posterior::run(&spec, &mut Context::plain(&scratch, threads));
+        let mut context = Context::plain(&scratch, threads);
+        let answer = with_twin(spec.clone(), &mut context).and_then(|spec| Ok(posterior::run(&spec, &mut context)?));
         let Ok(TaskResult::Posterior(found)) = answer else {
             println!("{patient}: {answer:?}");
             counts.entry("without an answer".to_owned()).or_default()[1] += 1;
@@ -54,7 +56,7 @@ fn main() -> anyhow::Result<()> {
             (*holds, *all) = (*holds + usize::from(held), *all + 1);
         };
         for (name, spread) in &found.parameters {
-            let held = (spread.posterior.p5..=spread.posterior.p95).contains(&spec.twin.parameters[name]);
+            let held = (spread.posterior.p5..=spread.posterior.p95).contains(&true_parameters[name]);
             count(format!("parameters that are {}", spread.mark.as_str()), held);
             if spread.mark == Determination::Determined {
                 count(format!("  determined: {name}"), held);
@@ -70,7 +72,7 @@ fn main() -> anyhow::Result<()> {
             beat.circulation.left_atrial_pressure_mmhg *= preload;
             beat.circulation.afterload.peripheral_resistance_mmhg_s_per_ml *= afterload;
             let of = |parameters: &BTreeMap<String, f64>| one(&beat.with_parameters(parameters));
-            let Some(true_beat) = of(&spec.twin.parameters) else { continue };
+            let Some(true_beat) = of(&true_parameters) else { continue };
             let draws: Vec<OrganBeatResult> = (0..found.draws.len()).filter_map(|d| of(&found.draw(d))).collect();
             for (k, (name, value)) in true_beat.biomarkers.of_organ().into_iter().enumerate() {
                 let mut values: Vec<f64> = draws.iter().filter_map(|d| d.biomarkers.of_organ()[k].1).collect();
@@ -116,7 +118,10 @@ fn normal(generator: &mut Pcg64) -> f64 {
 }
 
 /// A patient of a heart's prior with noisy traces, and the truth's beat.
-fn simulated(heart: &PosteriorSpec, generator: &mut Pcg64) -> anyhow::Result<(PosteriorSpec, OrganBeatResult)> {
+fn simulated(
+    heart: &PosteriorSpec,
+    generator: &mut Pcg64,
+) -> anyhow::Result<(PosteriorSpec, BTreeMap<String, f64>, OrganBeatResult)> {
     let axes = axes(&heart.parameters);
     let prior: Vec<TruncatedNormal> = axes.iter().map(Axis::truncated).collect();
     for _ in 0..100_000 {
@@ -132,18 +137,55 @@ fn simulated(heart: &PosteriorSpec, generator: &mut Pcg64) -> anyhow::Result<(Po
         }
         let noise = TraceNoise::of(&heart.noise);
         let samples = noisy(&truth.samples, &noise, heart.beat.cycle_length_ms, generator);
-        let twin = TwinBeat { parameters, biomarkers: truth.biomarkers, samples: truth.samples.clone() };
         let mut measured = truth.biomarkers;
         for (name, place) in [
+            ("P_max_mmHg", &mut measured.p_max_mmhg),
             ("dPdt_max_mmHg_per_ms", &mut measured.dpdt_max_mmhg_per_ms),
             ("dPdt_min_mmHg_per_ms", &mut measured.dpdt_min_mmhg_per_ms),
+            ("PTD90_ms", &mut measured.ptd90_ms),
+            ("SV_mL", &mut measured.sv_ml),
+            ("tau_VD_ms", &mut measured.tau_vd_ms),
+            ("tau_VR_ms", &mut measured.tau_vr_ms),
         ] {
             let percent = heart.uncertainty_percent.get(name).copied().unwrap_or_default();
             *place = place.map(|value| value * (1.0 + 0.01 * percent * normal(generator)));
         }
-        return Ok((PosteriorSpec { twin, samples, measured, ..heart.clone() }, truth));
+        return Ok((PosteriorSpec { samples, measured, ..heart.clone() }, parameters, truth));
     }
     Err(anyhow!("no draw of the prior is a heart's"))
+}
+
+/// The same task with the twin that step 3 proposes for its measurements.
+fn with_twin(spec: PosteriorSpec, context: &mut Context) -> anyhow::Result<PosteriorSpec> {
+    let centre: BTreeMap<String, f64> = spec.parameters.iter().map(|(name, p)| (name.clone(), p.centre)).collect();
+    let first = one(&spec.beat.with_parameters(&centre));
+    let run = ProposalRun {
+        parameters: centre,
+        biomarkers: first.as_ref().map(|beat| beat.biomarkers),
+        whole_beat: first.is_some(),
+        predicted_misfit: None,
+    };
+    let proposal = step3::run(
+        &Step3ProposalSpec {
+            beat: spec.beat.clone(),
+            measured: spec.measured,
+            runs: vec![Step3Run { run, samples: first.map(|beat| beat.samples) }],
+            parameters: spec.parameters.clone(),
+            uncertainty_percent: spec.uncertainty_percent.clone(),
+            step1: None,
+            traces: Some(MeasuredTraces {
+                samples: spec.samples.clone(),
+                deviations: TraceDeviations::default(),
+                cycle_length_ms: spec.beat.cycle_length_ms,
+            }),
+            seed: spec.seed,
+        },
+        context,
+    )?;
+    let TaskResult::Step3Proposal(proposal) = proposal else { return Err(anyhow!("not a proposal")) };
+    let parameters = proposal.parameters;
+    let beat = one(&spec.beat.with_parameters(&parameters)).context("the twin has no beat")?;
+    Ok(PosteriorSpec { twin: TwinBeat { parameters, biomarkers: beat.biomarkers, samples: beat.samples }, ..spec })
 }
 
 /// An Ornstein-Uhlenbeck process on the pressure; on the volume independent noise of each frame, linear in between.

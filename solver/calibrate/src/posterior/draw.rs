@@ -27,33 +27,40 @@ pub struct Draw<Q> {
     pub evaluations: usize,
 }
 
-/// The draw of a seed and an index: a descent from where a linear model would have it, or from nearer to the mode where the
-/// model has no answer there. Begun at the mode itself, descents end too near to it. None where their matrices have no factors.
+/// The draw of a seed and an index: a descent from a point of the prior, or from nearer to the mode where the model has no
+/// answer there. Begun near the mode, all draws would be of its valley, and others that serve alike would be missed. A descent
+/// that ends higher than errors and prior let expect is begun again, from where a linear model would have the draw, then from
+/// the mode. None where their matrices have no factors.
 #[must_use]
 pub fn draw<Q>(target: &Target<'_, Q>, mode: &Mode, seed: u64, index: u64, max_steps: usize) -> Option<Draw<Q>> {
     let mut generator = generator(seed, Purpose::Posterior, [index, 0]);
     let prior = deviates(&mut generator, mode.u.len());
     let errors = deviates(&mut generator, mode.residuals.len());
+    let way: Vec<f64> = prior.iter().zip(&mode.u).map(|(prior, mode)| prior - mode).collect();
     let mut descent = Descent { target, aim: Aim { errors, prior }, evaluations: 0 };
     let (step, _) = descent.step(&mode.u, &mode.residuals, &mode.jacobian, 0.0, f64::INFINITY)?;
-    let part = |share: f64| -> Vec<f64> { mode.u.iter().zip(&step).map(|(u, s)| u + s * share).collect() };
-    let shares = (0..HALVINGS).map(|halvings| 0.5_f64.powi(halvings)).chain([0.0]);
-    let (u, found) = shares.map(part).find_map(|u| descent.at(&u).map(|found| (u, found)))?;
-    let mut end = descent.from(u, found, None, max_steps)?;
     // Of a linear model, half the added χ² of the data, and the cross term with what the mode leaves.
     let m = mode.residuals.len() as f64;
     let left: f64 = mode.residuals.iter().map(|r| r * r).sum();
     let farthest = mode.height() + 0.5 * m + FARTHEST * (0.5 * m + left).sqrt();
-    let height = |descent: &Descent<'_, Q>, end: &End<Q>| descent.height(&end.u, &end.found.residuals);
-    if height(&descent, &end) > farthest {
-        // Caught on the way: once more, from the mode.
-        let found = descent.at(&mode.u)?;
-        let again = descent.from(mode.u.clone(), found, Some(mode.jacobian.clone()), max_steps)?;
-        if height(&descent, &again) < height(&descent, &end) {
-            end = again;
+    let mut best: Option<(f64, End<Q>)> = None;
+    for (way, jacobian) in
+        [(way.as_slice(), None), (step.as_slice(), None), (&vec![0.0; mode.u.len()][..], Some(mode.jacobian.clone()))]
+    {
+        let part = |share: f64| -> Vec<f64> { mode.u.iter().zip(way).map(|(u, s)| u + s * share).collect() };
+        let shares = (0..HALVINGS).map(|halvings| 0.5_f64.powi(halvings)).chain([0.0]);
+        let Some((u, found)) = shares.map(part).find_map(|u| descent.at(&u).map(|found| (u, found))) else { continue };
+        let Some(end) = descent.from(u, found, jacobian, max_steps) else { continue };
+        let height = descent.height(&end.u, &end.found.residuals);
+        if best.as_ref().is_none_or(|(lowest, _)| height < *lowest) {
+            best = Some((height, end));
+        }
+        if best.as_ref().is_some_and(|(lowest, _)| *lowest <= farthest) {
+            break;
         }
     }
-    let converged = end.converged && height(&descent, &end) <= farthest;
+    let (height, end) = best?;
+    let converged = end.converged && height <= farthest;
     let Descent { evaluations, .. } = descent;
     Some(Draw { u: end.u, seen: end.found.seen, converged, evaluations })
 }

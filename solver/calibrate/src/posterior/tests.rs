@@ -100,6 +100,21 @@ fn a_model_without_an_answer_is_left_out_and_the_same_seed_draws_the_same() {
 }
 
 #[test]
+fn draws_are_of_both_valleys_that_serve_alike() {
+    // Data tell the magnitude alone, so that half of the posterior lies on each side; the mode is that of one.
+    let prior = wide(2);
+    let model = |x: &[f64]| {
+        let residuals = vec![(x[0].abs() - 1.5) / 0.2, (x[1] - 0.3) / 0.5];
+        Some(Evaluated { residuals, seen: () })
+    };
+    let target = Target { prior: &prior, model: &model };
+    let mode = mode(&target, &[1.2, 0.0], 100).expect("a mode");
+    let draws: Vec<_> = (0..200).filter_map(|index| draw(&target, &mode, 3, index, 60)).collect();
+    let on_the_other = draws.iter().filter(|draw| draw.u[0] < 0.0).count();
+    assert!(draws.len() == 200 && (70..130).contains(&on_the_other), "{on_the_other} of {}", draws.len());
+}
+
+#[test]
 fn correlated_errors_are_worth_fewer_samples() {
     let covariance = |i: usize, j: usize| 4.0 * (-0.1 * i.abs_diff(j) as f64).exp();
     let errors = TraceErrors::new(&[10.0; 50], covariance).expect("a covariance");
