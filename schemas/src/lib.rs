@@ -5,6 +5,7 @@
 
 pub mod afterload;
 pub mod allocation;
+pub mod biomarker_noise;
 pub mod biomarkers;
 pub mod cohort;
 pub mod discover;

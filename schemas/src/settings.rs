@@ -7,6 +7,7 @@ use std::path::PathBuf;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::biomarker_noise;
 use crate::external::ExternalSettings;
 use crate::finite_element::FiniteElementSettings;
 use crate::notices::NoticeSettings;
@@ -204,24 +205,6 @@ pub const STEP1_PARAMETERS: [&str; 6] =
 pub const STEP1_BIOMARKERS: [&str; 7] =
     ["P_max_mmHg", "dPdt_max_mmHg_per_ms", "dPdt_min_mmHg_per_ms", "PTD90_ms", "tau_VD_ms", "tau_VR_ms", "SV_mL"];
 
-/// Root mean square errors that noise of 1 to 1.5 mmHg and of 2 to 3 mL a frame makes of measured biomarkers, in percent: of
-/// 200 hearts of `solver/validation` (`cargo run --release -p cardiotwin-signals --example biomarker-noise`).
-const NOISE_PERCENT: [(&str, f64); 7] = [
-    ("P_max_mmHg", 1.0),
-    ("dPdt_max_mmHg_per_ms", 3.9),
-    ("dPdt_min_mmHg_per_ms", 3.3),
-    ("PTD90_ms", 1.4),
-    ("SV_mL", 3.8),
-    ("tau_VD_ms", 9.1),
-    ("tau_VR_ms", 9.7),
-];
-
-/// (1 %/σ)² to two digits, as a person would write them.
-fn noise_weights() -> BTreeMap<String, f64> {
-    let two_digits = |x: f64| format!("{x:.1e}").parse().unwrap_or(x);
-    NOISE_PERCENT.iter().map(|(name, sd)| ((*name).to_owned(), two_digits(sd.powi(-2)))).collect()
-}
-
 impl Default for Step1Settings {
     fn default() -> Self {
         Self {
@@ -233,7 +216,7 @@ impl Default for Step1Settings {
             stall_iterations: 3,
             stall_improvement: 0.05,
             frozen: Vec::new(),
-            weights: noise_weights(),
+            weights: biomarker_noise::weights(),
             initial: TanhParameters::default(),
             valves: ValveParameters::default(),
             // Wide enough never to bind in a sane fit; the resistance floors are those of the paper's Table A6.

@@ -1,4 +1,4 @@
-//! How far measurement noise moves each biomarker of step 1: `cargo run --release -p cardiotwin-signals --example biomarker-noise
+//! How far measurement noise moves each biomarker of step 1: `cargo run --release -p cardiotwin-recordings --example biomarker-noise
 //! -- [hearts=200] [first=900000]`.
 //!
 //! Hearts are drawn by `solver/validation` without any hidden effect. Each is measured with the generator's usual noise: 1 to
