@@ -34,9 +34,10 @@ fn space_mapping_proposes_each_simulation_and_goes_on_from_those_of_the_fixed_po
     let cohort = Cohort::quick();
     let run = ["run", "--no-report", "--patient", "02-CoA"];
     // What is lowered is then the cost.
-    let of_the_cost = ["step1.weights.PTD90_ms=1", "step1.weights.SV_mL=0", "step1.weights.tau_VD_ms=1"]
-        .map(|w| ["--set", w])
-        .concat();
+    let counted = ["dPdt_max_mmHg_per_ms", "dPdt_min_mmHg_per_ms", "PTD90_ms", "tau_VD_ms", "tau_VR_ms"];
+    let mut of_the_cost = vec!["--set".to_owned(), "step1.weights.SV_mL=0".to_owned()];
+    of_the_cost.extend(counted.iter().flat_map(|name| ["--set".to_owned(), format!("step1.weights.{name}=1")]));
+    let of_the_cost: Vec<&str> = of_the_cost.iter().map(String::as_str).collect();
     let said = cohort.call(&[&run[..], &["--update", "space-mapping"], &of_the_cost].concat()).expect(0);
     assert!(said.err.contains("step-1  proposal 1  predicted cost"), "{}", said.err);
     let patient = cohort.patient("02-CoA");
