@@ -1,8 +1,9 @@
 //! Step 0 and one beat of a generated ventricle, with its cost: `cargo run --release -p cardiotwin-mechanics --example
 //! organ-beat -- [nodes=2000] [c=0.8] [element=linear|pointwise|quadratic]
 //! [law=guccione|ogden|neo] [convention=squared|first|second] [tau=0.1] [linear=jacobi|sweep|direct] [static=direct|multigrid]
-//! [tolerance=1e-4] [step=1] [end=659]`. With a stiffness `c` \[kPa\] step 0 only inflates, from the image taken for unloaded. What a beat is made of:
-//! `cardiotwin-worker bench beat --nodes N`.
+//! [tolerance=1e-4] [step=1] [end=659] [turn=60] [ring=0.04]`. With a stiffness `c` \[kPa\] step 0 only inflates, from the image
+//! taken for unloaded. Fibres go from `turn` degrees at the endocardium to its negative at the epicardium; `ring` is the height
+//! of the passive ring at the base. What a beat is made of: `cardiotwin-worker bench beat --nodes N`.
 
 use std::convert::Infallible;
 use std::ops::ControlFlow;
@@ -60,7 +61,9 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     };
     let begun = Instant::now();
     let (cavity, edv, p_image, edp) = (112.0, argument("edv", 126.0), 6.0, 9.0);
-    let made = generate(&EllipsoidSpec::new(Ml(cavity), Ml(140.0), argument("nodes", 2000)))?;
+    let mut spec = EllipsoidSpec::new(Ml(cavity), Ml(140.0), argument("nodes", 2000));
+    spec.ring_height = argument("ring", spec.ring_height);
+    let made = generate(&spec)?;
     let mut mesh = Renumbering::reverse_cuthill_mckee(&made.mesh).apply(&made.mesh);
     let muscle = [tags::LEFT_VENTRICLE];
     let turn = argument("turn", 60.0);
