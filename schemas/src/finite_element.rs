@@ -72,6 +72,10 @@ pub struct WallSettings {
     /// Bulk modulus of muscle.
     #[serde(rename = "kappa_kPa")]
     pub kappa_kpa: f64,
+    /// Share of it that resists each element's own change of volume, where the rest resists nodal averages; absent: a hundredth in
+    /// linear elements, none in quadratic ones.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub pointwise_share: Option<f64>,
     /// How active stress acts along the fibre.
     pub active_convention: ActiveConvention,
     /// Share of the active stress that acts along the sheet, too; shares of effects come on top.
@@ -140,6 +144,7 @@ impl Default for WallSettings {
             holzapfel_ogden: HolzapfelOgdenSettings::default(),
             neo_hookean_mu_kpa: 5.0,
             kappa_kpa: 1000.0,
+            pointwise_share: None,
             active_convention: ActiveConvention::default(),
             cross_fibre_share: 0.0,
             epicardial_duration_share: 0.9,

@@ -247,6 +247,9 @@ impl List {
         ] {
             self.within(&key(name), value, 0.0, high);
         }
+        if let Some(share) = wall.pointwise_share {
+            self.within(&key("pointwise_share"), share, 0.0, 1.0);
+        }
         let duration = wall.epicardial_duration_share;
         self.within(&key("epicardial_duration_share"), duration, 0.5, 2.0);
         for (name, surface) in &wall.surface {

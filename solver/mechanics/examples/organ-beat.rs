@@ -1,8 +1,9 @@
 //! Step 0 and one beat of a generated ventricle, with its cost: `cargo run --release -p cardiotwin-mechanics --example
 //! organ-beat -- [nodes=2000] [c=0.8] [element=linear|pointwise|quadratic]
 //! [law=guccione|ogden|neo] [convention=squared|first|second] [tau=0.1] [linear=jacobi|sweep|direct] [static=direct|multigrid]
-//! [tolerance=1e-4] [step=1] [end=659]`. With a stiffness `c` \[kPa\] step 0 only inflates, from the image taken for unloaded. What a beat is made of:
-//! `cardiotwin-worker bench beat --nodes N`.
+//! [tolerance=1e-4] [step=1] [end=659] [turn=60] [ring=0.04]`. With a stiffness `c` \[kPa\] step 0 only inflates, from the image
+//! taken for unloaded. Fibres go from `turn` degrees at the endocardium to its negative at the epicardium; `ring` is the height
+//! of the passive ring at the base. What a beat is made of: `cardiotwin-worker bench beat --nodes N`.
 
 use std::convert::Infallible;
 use std::ops::ControlFlow;
@@ -27,6 +28,7 @@ use cardiotwin_models::beat::{BeatOutcome, BeatSettings, run_observed};
 use cardiotwin_models::circulation::LeftHeart;
 use cardiotwin_models::contraction::{Tanh, TanhParameters};
 use cardiotwin_models::ventricle::GroupContraction;
+use cardiotwin_signals::{BiomarkerSet, Continuation, Quantity, Trace};
 use cardiotwin_units::{MMHG_PER_KPA, Ml, Mmhg, Ms};
 
 /// Seconds of processor time so far: what a busy machine changes little; zero where the system does not tell.
@@ -59,7 +61,9 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     };
     let begun = Instant::now();
     let (cavity, edv, p_image, edp) = (112.0, argument("edv", 126.0), 6.0, 9.0);
-    let made = generate(&EllipsoidSpec::new(Ml(cavity), Ml(140.0), argument("nodes", 2000)))?;
+    let mut spec = EllipsoidSpec::new(Ml(cavity), Ml(140.0), argument("nodes", 2000));
+    spec.ring_height = argument("ring", spec.ring_height);
+    let made = generate(&spec)?;
     let mut mesh = Renumbering::reverse_cuthill_mckee(&made.mesh).apply(&made.mesh);
     let muscle = [tags::LEFT_VENTRICLE];
     let turn = argument("turn", 60.0);
@@ -185,14 +189,21 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     );
     let (p, v) = (&traces.pressure_mmhg, &traces.volume_ml);
     let range = |x: &[f64]| x.iter().fold((f64::MAX, f64::MIN), |(l, h), x| (l.min(*x), h.max(*x)));
-    let slopes: Vec<f64> = p.windows(3).map(|w| 1e3 * (w[2] - w[0]) / (2.0 * settings.step.0)).collect();
-    let (slowest, steepest) = range(&slopes);
-    println!(
-        "P {:.3?} mmHg, dP/dt {slowest:.1} to {steepest:.1} mmHg/s, V {:.4?} mL, SV {:.4} mL",
-        range(p),
-        range(v),
-        range(v).1 - range(v).0
-    );
+    println!("P {:.3?} mmHg, V {:.4?} mL", range(p), range(v));
+    let trace = |quantity, x: &[f64]| Trace::new(quantity, traces.time_ms.clone(), x.to_vec());
+    let (pressure, volume) = (trace(Quantity::Pressure, p)?, trace(Quantity::Volume, v)?);
+    let found = BiomarkerSet::of(Some(&pressure), Some(&volume), Continuation::Single)?;
+    let biomarkers = [
+        ("P_max", found.p_max.map(|x| x.0), "mmHg"),
+        ("dPdt_max", found.dpdt_max_mmhg_per_ms.map(|x| 1e3 * x), "mmHg/s"),
+        ("dPdt_min", found.dpdt_min_mmhg_per_ms.map(|x| 1e3 * x), "mmHg/s"),
+        ("PTD90", found.ptd90.map(|x| x.0), "ms"),
+        ("SV", found.sv.map(|x| x.0), "mL"),
+        ("tau_VD", found.tau_vd.map(|x| x.0), "ms"),
+        ("tau_VR", found.tau_vr.map(|x| x.0), "ms"),
+    ];
+    let told = biomarkers.map(|(name, value, unit)| format!("{name} {:.3} {unit}", value.unwrap_or(f64::NAN)));
+    println!("{}; {:?}", told.join(", "), found.flags);
     if std::env::args().any(|a| a == "trace") {
         for (k, t) in traces.time_ms.iter().enumerate().step_by(20) {
             println!("{t:6.0} ms  {:8.3} mmHg  {:8.3} mL", p[k], v[k]);

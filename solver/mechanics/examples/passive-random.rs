@@ -1,5 +1,8 @@
 //! Step 0 of random ventricles on coarse meshes, and how many of them fail: `cargo run --release -p cardiotwin-mechanics
-//! --example passive-random -- [n=100] [first=0] [nodes=500]`. Walls of 40 to 400 mL, pressures to 4 kPa.
+//! --example passive-random -- [n=100] [first=0] [nodes=500] [hold=0.3] [fit=0] [verbose=1]`. Walls of 40 to 400 mL, pressures
+//! to 4 kPa; the beat's springs are 0.01 to 10 kPa/mm on the rim and 0.01 to 5 kPa/mm on the epicardium, and step 0 does not
+//! see them. The springs on the rim that step 0 hangs on are `hold` (a cohort's are 0.3), or 0.01 to 10 kPa/mm. Each heart is
+//! unloaded and inflated under its law; without `fit=0` the law is then found again from the volumes.
 
 use std::time::Instant;
 
@@ -53,12 +56,16 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         let mut known = WallParameters::default();
         let stiffness_kpa = 0.42 * (draw.between(-1.0, 1.5)).exp() / factor.powi(2);
         known.muscle = known.muscle.with_stiffness(stiffness_kpa).scaled(1.0, factor);
+        let [hold, rim, epicardium] = [(0.01, 10.0), (0.01, 10.0), (0.01, 5.0)]
+            .map(|(least, most): (f64, f64)| draw.between(least.ln(), most.ln()).exp());
+        let hold = argument("hold", hold);
+        (known.static_spring, known.rim.stiffness, known.pericardium.stiffness) = (hold, rim, epicardium);
         let given = PassiveFit::Given { image_pressure_kpa, end_diastolic_pressure_kpa };
-        let mut wall = WallParameters::default();
+        let mut wall = WallParameters { muscle: WallParameters::default().muscle, ..known.clone() };
         wall.muscle = wall.muscle.with_stiffness(0.42);
         let mut search = Search::new(UnloadingSettings::for_anatomy(&anatomy));
         let case = format!(
-            "{seed}: wall {wall_ml:.0} mL, image {image_ml:.0} mL at {image_mmhg:.1} mmHg, end-diastole at {edp_mmhg:.1} mmHg, C {:.2}, factor {factor:.2}, long {:.2}, fibres {turn:.0} deg",
+            "{seed}: wall {wall_ml:.0} mL, image {image_ml:.0} mL at {image_mmhg:.1} mmHg, end-diastole at {edp_mmhg:.1} mmHg, C {:.2}, factor {factor:.2}, long {:.2}, fibres {turn:.0} deg, rim {hold:.3} kPa/mm in step 0",
             stiffness_kpa, spec.long_to_short
         );
         let one = Instant::now();
@@ -71,6 +78,12 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
                 continue;
             }
         };
+        if argument("fit", 1) == 0 {
+            if argument("verbose", 0) > 0 {
+                println!("{case}: {} Newton, {:.1} s", made.state.newton_iterations, one.elapsed().as_secs_f64());
+            }
+            continue;
+        }
         let target = PassiveFit::ThreePoints {
             image_pressure_kpa,
             end_diastolic_pressure_kpa,

@@ -106,6 +106,41 @@ pub fn equilibrium(problem: &Problem, trial: Trial) -> Result<Equilibrium, f64> 
     Ok(Equilibrium { displacement: u, cavity_mm3, pressure_kpa, volume_ratio, newton, n_cut })
 }
 
+/// What a patch test finds.
+#[derive(Debug)]
+pub struct Patch {
+    /// Largest force on a node that is free, over the largest on a fixed one.
+    pub force_inside: f64,
+    /// Farthest that a free node ends from its place when Newton's method begins beside it \[mm\].
+    pub distance_mm: f64,
+}
+
+/// The homogeneous deformation `f` of a body without loads, whose fixed nodes are where it takes them.
+pub fn homogeneous(problem: &Problem, trial: Trial, f: [[f64; 3]; 3]) -> Patch {
+    let mut setting = Setting::new(problem, trial);
+    let nodes = &problem.mesh.nodes;
+    let displaced = |x: &[f64; 3], i: usize| (0..3).map(|k| f[i][k] * x[k]).sum::<f64>() - x[i];
+    let u: Vec<f64> = nodes.iter().flat_map(|x| (0..3).map(move |i| displaced(x, i))).collect();
+    let state = setting.state(u.clone());
+    // Nothing is fixed while forces are told, or those on the surface were left out.
+    let n = setting.fixed.len();
+    let fixed = std::mem::replace(&mut setting.fixed, vec![false; n]);
+    let (force, _) = setting.linearise(&state, 1.0, false);
+    setting.fixed = fixed;
+    let largest = |of_fixed: bool| {
+        let sizes = (force.iter().zip(&setting.fixed)).filter(|(_, fixed)| **fixed == of_fixed).map(|(r, _)| r.abs());
+        sizes.fold(0.0, f64::max)
+    };
+    let force_inside = largest(false) / largest(true);
+    let aside = |k: usize| if setting.fixed[k] { 0.0 } else { 0.005 * (17.0 * k as f64).sin() };
+    let start = u.iter().enumerate().map(|(k, u)| u + aside(k)).collect();
+    let distance_mm = match setting.newton(start, 1.0) {
+        Ok((found, _)) => found.u.iter().zip(&u).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max),
+        Err(()) => f64::INFINITY,
+    };
+    Patch { force_inside, distance_mm }
+}
+
 impl<'a> Setting<'a> {
     fn new(problem: &'a Problem, trial: Trial) -> Self {
         let mesh = &problem.mesh;

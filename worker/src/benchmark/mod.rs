@@ -71,7 +71,7 @@ impl Method {
         let settings = FiniteElementSettings::default();
         let anatomy = settings.anatomy(&[]);
         Self {
-            element: wall::element(anatomy.element),
+            element: wall::element(anatomy.element, anatomy.wall.pointwise_share),
             scheme: wall::parameters(&anatomy.wall, 1.0, 0.0).scheme(),
             steps: wall::steps(&settings.equations(), settings.newton_iterations),
         }

@@ -34,7 +34,7 @@ pub(super) fn element(file: &Path, table: &ElementTable) -> Result<ElementKind, 
             let expected = "element.kind alone, or element.degree, element.volume and element.pointwise_share";
             return Err(BenchmarkError::key(file, "element.kind", "other keys of [element] beside it", expected));
         }
-        return Ok(wall::element(kind));
+        return Ok(wall::element(kind, None));
     }
     let share = pointwise_share.unwrap_or(0.0);
     if !(0.0..=1.0).contains(&share) {

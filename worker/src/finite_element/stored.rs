@@ -189,7 +189,8 @@ impl StoredVentricle {
     /// [`FiniteElementError`] where mesh or wall are none.
     pub fn restore(&self, cross_fibre: f64) -> Result<Restored, FiniteElementError> {
         let about = &self.about;
-        let anatomy = Anatomy::of(&self.mesh, &[tags::LEFT_VENTRICLE], wall::element(about.element))?;
+        let anatomy =
+            Anatomy::of(&self.mesh, &[tags::LEFT_VENTRICLE], wall::element(about.element, about.wall.pointwise_share))?;
         let wall = about.wall(cross_fibre);
         let end_diastole = EndDiastole {
             unloaded: self.unloaded.clone(),

@@ -2,6 +2,7 @@
 //! elements and time integration from here, too, so that it verifies what a cohort computes with.
 
 use cardiotwin_mechanics::dynamics::Rayleigh;
+use cardiotwin_mechanics::element::kernel::VolumeChange;
 use cardiotwin_mechanics::material::{self, ActiveLaw, Guccione, HolzapfelOgden, Law, NeoHookean};
 use cardiotwin_mechanics::newton;
 use cardiotwin_mechanics::organ::{self, PassiveTissue, Spring, SprungSurface, WallParameters};
@@ -100,12 +101,20 @@ pub fn active(convention: ActiveConvention, cross_fibre: f64) -> ActiveLaw {
 }
 
 /// Elements of the solver.
+///
+/// - `pointwise_share`: [`WallSettings::pointwise_share`]
 #[must_use]
-pub fn element(kind: ElementKind) -> organ::ElementKind {
-    match kind {
+pub fn element(kind: ElementKind, pointwise_share: Option<f64>) -> organ::ElementKind {
+    let kind = match kind {
         ElementKind::LinearNodal => organ::ElementKind::LINEAR_NODAL,
         ElementKind::LinearPointwise => organ::ElementKind::LINEAR_POINTWISE,
         ElementKind::QuadraticNodal => organ::ElementKind::QUADRATIC_NODAL,
+    };
+    match (kind.volume, pointwise_share) {
+        (VolumeChange::Nodal { .. }, Some(pointwise_share)) => {
+            organ::ElementKind { volume: VolumeChange::Nodal { pointwise_share }, ..kind }
+        }
+        _ => kind,
     }
 }
 
@@ -145,11 +154,20 @@ mod tests {
     fn default_settings_are_the_solvers_defaults() {
         let settings = WallSettings { guccione_c_kpa: 1.0, ..WallSettings::default() };
         assert_eq!(parameters(&settings, 1.0, 0.0), WallParameters::default());
-        assert_eq!(element(ElementKind::default()), organ::ElementKind::default());
+        assert_eq!(element(ElementKind::default(), None), organ::ElementKind::default());
         let defaults = FiniteElementSettings::default();
         assert_eq!(steps(&defaults.equations(), defaults.newton_iterations), StepSettings::default());
         let ogden = WallSettings { muscle_law: MuscleLaw::HolzapfelOgden, ..WallSettings::default() };
         assert_eq!(muscle(&ogden), Law::HolzapfelOgden(HolzapfelOgden::arostica2025()));
+    }
+
+    #[test]
+    fn a_cohort_chooses_the_share_of_elements_that_have_one() {
+        let of = |kind| element(kind, Some(0.05)).volume;
+        let nodal = VolumeChange::Nodal { pointwise_share: 0.05 };
+        assert_eq!((of(ElementKind::LinearNodal), of(ElementKind::QuadraticNodal)), (nodal, nodal));
+        assert_eq!(of(ElementKind::LinearPointwise), VolumeChange::Pointwise);
+        assert_eq!(element(ElementKind::QuadraticNodal, None), organ::ElementKind::QUADRATIC_NODAL);
     }
 
     #[test]

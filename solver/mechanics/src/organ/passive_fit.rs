@@ -177,6 +177,8 @@ fn fit_law(
         }
     };
     let mut shorter = 1.0;
+    // Whether the slope is of differences here, not of another mesh or of steps that lie behind.
+    let mut fresh = false;
     while trials < MOST_TRIALS {
         if met(f) {
             return Ok((law(x), slope));
@@ -200,6 +202,7 @@ fn fit_law(
                     };
                     (0..2).for_each(|i| j[i][k] = (g[i] - f[i]) / step);
                 }
+                fresh = true;
                 *slope.insert(j)
             }
         };
@@ -225,7 +228,7 @@ fn fit_law(
                 }
                 slope = Some(better);
                 if size(g) < size(f) {
-                    (x, f, shorter) = (trial, g, 1.0);
+                    (x, f, shorter, fresh) = (trial, g, 1.0, false);
                 } else {
                     shorter *= 0.5;
                 }
@@ -234,7 +237,10 @@ fn fit_law(
             Err(_) => shorter *= 0.5,
         }
         if shorter < 0.05 {
-            break;
+            if fresh {
+                break;
+            }
+            (slope, shorter) = (None, 1.0);
         }
     }
     let ml = |i: usize| 1e-3 * wanted[i] * f[i].exp();

@@ -18,6 +18,8 @@ const FOREVER_MS: f64 = 1e7;
 
 /// Distance of a node from its place in the image at which a load step towards the image's pressure may follow \[mm\].
 const NEAR_MM: f64 = 0.5;
+/// Share of backward displacement below which none is tried.
+const SMALLEST_SHARE: f64 = 0.1;
 /// Most steps of a relaxation.
 const MOST_RELAXATIONS: usize = 60;
 
@@ -404,15 +406,20 @@ impl PassiveState {
             if tight && volume_error <= settings.volume_tolerance && distance_mm <= settings.distance_tolerance_mm {
                 return Ok(());
             }
-            if pass >= settings.max_passes || distance_mm > 1.5 * last_mm {
-                return Err(PassiveStateError::NotUnloaded { passes: pass, volume_error, distance_mm });
+            let not_unloaded = PassiveStateError::NotUnloaded { passes: pass, volume_error, distance_mm };
+            if pass as f64 >= settings.max_passes as f64 / mixing.share {
+                return Err(not_unloaded);
+            }
+            if distance_mm > 1.5 * last_mm {
+                let Some(unloaded) = mixing.nearer() else { return Err(not_unloaded) };
+                *self = Self::at(piece, wall, unloaded.as_chunks::<3>().0, self.anchor.clone())?.after(self);
+                continue;
             }
             last_mm = distance_mm;
             // A load with a resultant moves the heart on its supports: they follow, the unloaded geometry need not.
             let rigid = rigid_motion(self.dynamics.space(), &piece.anatomy.nodes, &miss);
             let strain: Vec<f64> = miss.iter().zip(&rigid).map(|(miss, rigid)| miss - rigid).collect();
-            let change = mixing.change(self.dynamics.space(), &strain);
-            let moved: Vec<f64> = self.dynamics.body.reference().iter().zip(&change).map(|(x, c)| x + c).collect();
+            let moved = mixing.next(self.dynamics.space(), self.dynamics.body.reference(), strain);
             let anchor = self.anchor.iter().zip(&rigid).map(|(anchor, rigid)| anchor - rigid).collect();
             *self = Self::at(piece, wall, moved.as_chunks::<3>().0, anchor)?.after(self);
             if !tight && (!patient || distance_mm <= NEAR_MM) {
@@ -424,16 +431,26 @@ impl PassiveState {
 }
 
 /// Anderson's mixing of depth one for the fixed point "no miss": from the second pass on, what the last change did to the miss
-/// tells how far to go.
-#[derive(Debug, Default)]
+/// tells how far to go. In a soft heart at a high pressure that is too far: then the last geometry changes by half as much.
+#[derive(Debug)]
 struct Mixing {
     /// Last miss, and the change that followed it.
     last: Option<(Vec<f64>, Vec<f64>)>,
+    /// Unloaded nodes that missed least, and their miss \[mm\].
+    nearest: Option<(Vec<f64>, Vec<f64>)>,
+    /// How much of a change is made.
+    share: f64,
+}
+
+impl Default for Mixing {
+    fn default() -> Self {
+        Self { last: None, nearest: None, share: 1.0 }
+    }
 }
 
 impl Mixing {
-    /// The change of the unloaded nodes that follows a miss \[mm\]. Collective.
-    fn change(&mut self, space: Space<'_>, miss: &[f64]) -> Vec<f64> {
+    /// Unloaded nodes to try after those at `unloaded`, which `miss` the image \[mm\]. Collective.
+    fn next(&mut self, space: Space<'_>, unloaded: &[f64], miss: Vec<f64>) -> Vec<f64> {
         let mut change: Vec<f64> = miss.iter().map(|m| -m).collect();
         if let Some((before, moved)) = &self.last {
             let mut sums = [0.0; 2];
@@ -444,12 +461,26 @@ impl Mixing {
             space.comm.sum(&mut sums);
             let [along, square] = sums;
             // Between none and twice the last change: beyond, it is no contraction that could be extrapolated.
-            let share = if square > 0.0 { (along / square).clamp(-2.0, 1.0) } else { 0.0 };
+            let mixed = if square > 0.0 { (along / square).clamp(-2.0, 1.0) } else { 0.0 };
             for ((c, moved), (m, b)) in change.iter_mut().zip(moved).zip(miss.iter().zip(before)) {
-                *c -= share * (moved - (m - b));
+                *c -= mixed * (moved - (m - b));
             }
         }
-        self.last = Some((miss.to_vec(), change.clone()));
-        change
+        change.iter_mut().for_each(|c| *c *= self.share);
+        let next = unloaded.iter().zip(&change).map(|(x, c)| x + c).collect();
+        self.nearest = Some((unloaded.to_vec(), miss.clone()));
+        self.last = Some((miss, change));
+        next
+    }
+
+    /// Unloaded nodes nearer to those that missed least, after some that miss much more; none where a small change does, too.
+    fn nearer(&mut self) -> Option<Vec<f64>> {
+        if self.share <= SMALLEST_SHARE {
+            return None;
+        }
+        self.share *= 0.5;
+        self.last = None;
+        let (unloaded, miss) = self.nearest.as_ref()?;
+        Some(unloaded.iter().zip(miss).map(|(x, m)| x - self.share * m).collect())
     }
 }

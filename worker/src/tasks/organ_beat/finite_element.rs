@@ -362,7 +362,8 @@ fn with_parts<T>(
     let activation_ms: Vec<f64> = (stored.mesh.nodes_mm.iter().zip(&stored.activation_ms))
         .map(|(node, time)| organ.figures.onset_ms + time + parts.late.map_or(0.0, |late| delay_ms(late, node)))
         .collect();
-    let is_shared = is_shared(wall::element(stored.about.element), &equations(spec));
+    let about = &stored.about;
+    let is_shared = is_shared(wall::element(about.element, about.wall.pointwise_share), &equations(spec));
     let of_ventricle = VentricleParts {
         anatomy: &restored.anatomy,
         wall: &restored.wall,

@@ -295,8 +295,8 @@ fn build(
         let volumes = (target.image_ml, wall_ml);
         let made_of = stand_in.as_ref().unwrap_or(spec);
         let (mesh, times) = mesh(made_of, taken, n_nodes, volumes, workers, &mut seconds)?;
-        let anatomy = Anatomy::of(&mesh, &[tags::LEFT_VENTRICLE], wall::element(spec.element))
-            .map_err(FiniteElementError::from)?;
+        let element = wall::element(spec.element, spec.wall.pointwise_share);
+        let anatomy = Anatomy::of(&mesh, &[tags::LEFT_VENTRICLE], element).map_err(FiniteElementError::from)?;
         let degrees_of_freedom = 3 * anatomy.nodes.len();
         context.progress.report("unloading", 0.0, None, || {
             format!("{} nodes, {} tetrahedra, {degrees_of_freedom} degrees of freedom", mesh.n_nodes(), mesh.n_tets())
