@@ -38,7 +38,7 @@ pub const CRATES: &[Rule] = &[
     },
     Rule {
         who: "mechanics",
-        may: &["units", "mesh", "models"],
+        may: &["units", "mesh", "models", "signals"],
         why: "a solver of the organ knows no task, queue or file of a patient",
     },
     Rule {
