@@ -21,11 +21,14 @@ pub struct PosteriorSettings {
     pub draws: u32,
     /// How long a difference between model and data lasts that is no noise.
     pub discrepancy_correlation_ms: f64,
+    /// Factor on the standard deviations of the data's errors, found on simulated patients so that intervals hold their share
+    /// of true values (docs/step3.md).
+    pub error_factor: f64,
 }
 
 impl Default for PosteriorSettings {
     fn default() -> Self {
-        Self { enabled: true, draws: 100, discrepancy_correlation_ms: 100.0 }
+        Self { enabled: true, draws: 100, discrepancy_correlation_ms: 100.0, error_factor: 1.4 }
     }
 }
 

@@ -1,9 +1,9 @@
 //! How often the posterior's 90 % intervals hold the true values of simulated patients.
 //!
-//! `posterior-calibration FIRST PATIENTS SPEC…`: each specification of a task `posterior` (`attempts/*/*/spec.json` of a run) lends
+//! `posterior-calibration FIRST PATIENTS FACTOR,… SPEC…`: each specification of a task `posterior` (`attempts/*/*/spec.json` of a run) lends
 //! its heart, its loads, its noise and its prior. The truth of a patient is a draw of that prior whose beat is a heart's; its
 //! traces get noise as the file states it, its measured biomarkers an error of `step3.uncertainty_percent`. Step 3 finds a twin for them, from a cell at the prior's centre,
-//! and the task `posterior` gets that twin, as in a run; neither knows the truth. Beats of its draws under other loads, in their periodic states, are compared with the truth's. Lines go to stdout, a table to stderr at the end.
+//! and the task `posterior` gets that twin, as in a run; neither knows the truth. The task is run with each `posterior.error_factor`. Beats of its draws under other loads, in their periodic states, are compared with the truth's. Lines go to stdout, a table to stderr at the end.
 
 use std::collections::BTreeMap;
 
@@ -13,7 +13,7 @@ use cardiotwin_calibrate::posterior::TruncatedNormal;
 use cardiotwin_calibrate::statistics::quantile_of;
 use cardiotwin_schemas::organ::{BeatCount, OrganSpec};
 use cardiotwin_schemas::outcome::{Determination, OrganBeatResult, TaskResult};
-use cardiotwin_schemas::posterior::{PosteriorSpec, TraceNoise, TwinBeat};
+use cardiotwin_schemas::posterior::{PosteriorResult, PosteriorSpec, Spread, TraceNoise, TwinBeat};
 use cardiotwin_schemas::samples::{BeatSamples, MeasuredTraces, N_SAMPLES, TraceDeviations};
 use cardiotwin_schemas::task::{OrganBeatSpec, ProposalRun, Step3ProposalSpec, Step3Run, TaskSpec};
 use cardiotwin_worker::context::Context;
@@ -35,65 +35,94 @@ fn main() -> anyhow::Result<()> {
     let mut arguments = std::env::args().skip(1);
     let mut number = |what| -> anyhow::Result<usize> { Ok(arguments.next().context(what)?.parse()?) };
     let (first, n) = (number("the first patient's number?")?, number("how many patients?")?);
+    let factors = arguments.next().context("which error factors?")?;
+    let factors: Vec<f64> = factors.split(',').map(str::parse).collect::<Result<_, _>>()?;
     let hearts: Vec<PosteriorSpec> = arguments.map(|path| heart(&path)).collect::<anyhow::Result<_>>()?;
     let threads = std::thread::available_parallelism().map_or(1, |n| n.get() as u32);
-    let mut counts: BTreeMap<String, [usize; 2]> = BTreeMap::new();
+    let mut counts = Counts::default();
     for patient in first..first + n {
         let heart = hearts.get(patient % hearts.len().max(1)).context("no specification was named")?;
         let mut generator = Pcg64::seed_from_u64(20_261_125 + patient as u64);
-        let (spec, true_parameters, truth) = simulated(heart, &mut generator)?;
-        let scratch = std::env::temp_dir().join("posterior-calibration");
+        let simulated = simulated(heart, &mut generator)?;
+        let scratch = std::env::temp_dir().join(format!("posterior-calibration-{}", std::process::id()));
         std::fs::create_dir_all(&scratch)?;
         let mut context = Context::plain(&scratch, threads);
-        let answer = with_twin(spec.clone(), &mut context).and_then(|spec| Ok(posterior::run(&spec, &mut context)?));
-        let Ok(TaskResult::Posterior(found)) = answer else {
-            println!("{patient}: {answer:?}");
-            counts.entry("without an answer".to_owned()).or_default()[1] += 1;
-            continue;
-        };
-        let mut count = |what: String, held: bool| {
-            let [holds, all] = counts.entry(what).or_default();
-            (*holds, *all) = (*holds + usize::from(held), *all + 1);
-        };
+        let spec = with_twin(simulated.spec.clone(), &mut context);
+        for factor in &factors {
+            let answer = spec.as_ref().map_err(ToString::to_string).and_then(|spec| {
+                let mut spec = spec.clone();
+                spec.settings.error_factor = *factor;
+                posterior::run(&spec, &mut context).map_err(|error| error.to_string())
+            });
+            let Ok(TaskResult::Posterior(found)) = answer else {
+                println!("{patient}: {answer:?}");
+                counts.add(*factor, "without an answer", false);
+                continue;
+            };
+            counts.patient(*factor, &simulated, &found);
+            println!("{patient}: factor {factor} {:?}", found.sampling);
+        }
+        println!("{}", counts.summary());
+        std::fs::remove_dir_all(&scratch)?;
+    }
+    eprint!("{}", counts.table());
+    Ok(())
+}
+
+/// How many true values intervals hold, and how many there are, by error factor and kind of value.
+#[derive(Default)]
+struct Counts(BTreeMap<String, [usize; 2]>);
+
+impl Counts {
+    fn add(&mut self, factor: f64, what: &str, held: bool) {
+        let [holds, all] = self.0.entry(format!("{factor:.2} {what}")).or_default();
+        (*holds, *all) = (*holds + usize::from(held), *all + 1);
+    }
+
+    fn patient(&mut self, factor: f64, simulated: &Simulated, found: &PosteriorResult) {
+        let holds = |spread: &Spread, value: f64| (spread.p5..=spread.p95).contains(&value);
         for (name, spread) in &found.parameters {
-            let held = (spread.posterior.p5..=spread.posterior.p95).contains(&true_parameters[name]);
-            count(format!("parameters that are {}", spread.mark.as_str()), held);
+            let held = holds(&spread.posterior, simulated.parameters[name]);
+            self.add(factor, &format!("parameters that are {}", spread.mark.as_str()), held);
             if spread.mark == Determination::Determined {
-                count(format!("  determined: {name}"), held);
+                self.add(factor, &format!("  determined: {name}"), held);
             }
         }
-        for (name, value) in truth.biomarkers.of_organ() {
+        for (name, value) in simulated.beat.biomarkers.of_organ() {
             if let (Some(value), Some(spread)) = (value, found.biomarkers.get(name)) {
-                count("biomarkers of its beat".to_owned(), (spread.p5..=spread.p95).contains(&value));
+                self.add(factor, "biomarkers of its beat", holds(spread, value));
             }
         }
         for (load, preload, afterload) in LOADS {
-            let mut beat = OrganBeatSpec { beats: PERIODIC, ..spec.beat.clone() };
+            let mut beat = OrganBeatSpec { beats: PERIODIC, ..simulated.spec.beat.clone() };
             beat.circulation.left_atrial_pressure_mmhg *= preload;
             beat.circulation.afterload.peripheral_resistance_mmhg_s_per_ml *= afterload;
             let of = |parameters: &BTreeMap<String, f64>| one(&beat.with_parameters(parameters));
-            let Some(true_beat) = of(&true_parameters) else { continue };
+            let Some(true_beat) = of(&simulated.parameters) else { continue };
             let draws: Vec<OrganBeatResult> = (0..found.draws.len()).filter_map(|d| of(&found.draw(d))).collect();
             for (k, (name, value)) in true_beat.biomarkers.of_organ().into_iter().enumerate() {
                 let mut values: Vec<f64> = draws.iter().filter_map(|d| d.biomarkers.of_organ()[k].1).collect();
                 values.sort_by(f64::total_cmp);
                 let Some(value) = value.filter(|_| values.len() > draws.len() / 2) else { continue };
                 let held = (quantile_of(&values, 0.05)..=quantile_of(&values, 0.95)).contains(&value);
-                count(format!("biomarkers under {load}"), held);
-                count(format!("  {load}: {name}"), held);
+                self.add(factor, &format!("biomarkers under {load}"), held);
+                self.add(factor, &format!("  {load}: {name}"), held);
             }
         }
-        println!("{patient}: {:?} {}", found.sampling, summary(&counts));
     }
-    for (what, [held, all]) in &counts {
-        eprintln!("{what:<45} {held:>5} of {all:>5}  {:>5.1} %", 100.0 * *held as f64 / *all as f64);
-    }
-    Ok(())
-}
 
-fn summary(counts: &BTreeMap<String, [usize; 2]>) -> String {
-    let share = |(what, [held, all]): (&String, &[usize; 2])| format!("{what} {:.3}", *held as f64 / *all as f64);
-    counts.iter().filter(|(what, _)| !what.starts_with(' ')).map(share).collect::<Vec<_>>().join("; ")
+    fn summary(&self) -> String {
+        let share =
+            |(what, [held, all]): (&String, &[usize; 2])| format!("{what} {:.3} of {all}", *held as f64 / *all as f64);
+        self.0.iter().filter(|(what, _)| !what.contains(": ")).map(share).collect::<Vec<_>>().join("; ")
+    }
+
+    fn table(&self) -> String {
+        let line = |(what, [held, all]): (&String, &[usize; 2])| {
+            format!("{what:<50} {held:>5} of {all:>5}  {:>5.1} %\n", 100.0 * *held as f64 / *all as f64)
+        };
+        self.0.iter().map(line).collect()
+    }
 }
 
 fn heart(path: &str) -> anyhow::Result<PosteriorSpec> {
@@ -117,11 +146,15 @@ fn normal(generator: &mut Pcg64) -> f64 {
     quantile(generator.random::<f64>().max(f64::MIN_POSITIVE))
 }
 
-/// A patient of a heart's prior with noisy traces, and the truth's beat.
-fn simulated(
-    heart: &PosteriorSpec,
-    generator: &mut Pcg64,
-) -> anyhow::Result<(PosteriorSpec, BTreeMap<String, f64>, OrganBeatResult)> {
+/// A patient with noisy traces, and the truth.
+struct Simulated {
+    spec: PosteriorSpec,
+    parameters: BTreeMap<String, f64>,
+    beat: OrganBeatResult,
+}
+
+/// A patient of a heart's prior.
+fn simulated(heart: &PosteriorSpec, generator: &mut Pcg64) -> anyhow::Result<Simulated> {
     let axes = axes(&heart.parameters);
     let prior: Vec<TruncatedNormal> = axes.iter().map(Axis::truncated).collect();
     for _ in 0..100_000 {
@@ -150,7 +183,8 @@ fn simulated(
             let percent = heart.uncertainty_percent.get(name).copied().unwrap_or_default();
             *place = place.map(|value| value * (1.0 + 0.01 * percent * normal(generator)));
         }
-        return Ok((PosteriorSpec { samples, measured, ..heart.clone() }, parameters, truth));
+        let spec = PosteriorSpec { samples, measured, ..heart.clone() };
+        return Ok(Simulated { spec, parameters, beat: truth });
     }
     Err(anyhow!("no draw of the prior is a heart's"))
 }

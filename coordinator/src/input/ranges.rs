@@ -273,6 +273,7 @@ impl List {
         // The 5 % quantile of fewer draws is the smallest of them.
         self.count("posterior.draws", posterior.draws, 40, 100_000);
         self.within("posterior.discrepancy_correlation_ms", posterior.discrepancy_correlation_ms, 1.0, 1e4);
+        self.within("posterior.error_factor", posterior.error_factor, 0.1, 10.0);
     }
 
     fn step3(&mut self, step3: &Step3Settings) {

@@ -45,9 +45,12 @@ impl Mode {
     }
 
     /// Sum of squares that data and prior leave, over its expected value: about 1 where model, prior and errors are right.
+    ///
+    /// - `error_factor`: by which the residuals' standard deviations were enlarged
     #[must_use]
-    pub fn left(&self) -> f64 {
-        2.0 * self.height() / self.residuals.len().max(1) as f64
+    pub fn left(&self, error_factor: f64) -> f64 {
+        let squares = |values: &[f64]| values.iter().map(|v| v * v).sum::<f64>();
+        (error_factor.powi(2) * squares(&self.residuals) + squares(&self.u)) / self.residuals.len().max(1) as f64
     }
 }
 

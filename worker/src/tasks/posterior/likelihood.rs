@@ -3,7 +3,8 @@
 //! The errors of each trace are Gaussian. Its noise is what the patient's file states: of the pressure with an exponential
 //! correlation, of the volume independent in each frame. What the twin's beat misses beyond that, and when in the beat, is an
 //! error of the model, of a longer correlation time (Kennedy and O'Hagan 2001, J. R. Stat. Soc. B 63:425): parameters are not
-//! bent to explain an atrial kick that the model lacks. A trace that was not measured is replaced
+//! bent to explain an atrial kick that the model lacks. All standard deviations are enlarged by one factor, which makes up for
+//! draws that spread too little in a ventricle that is not linear (a tempered likelihood; `posterior.error_factor`). A trace that was not measured is replaced
 //! by its measured biomarkers. The rates of pressure, which last shorter than samples lie apart, count in either case.
 
 use cardiotwin_calibrate::posterior::TraceErrors;
@@ -18,6 +19,8 @@ pub(super) struct Likelihood {
     volume: Option<TraceErrors>,
     /// Measured biomarkers that count with their relative standard deviations.
     biomarkers: Vec<(&'static str, f64, f64)>,
+    /// Factor on all standard deviations.
+    error_factor: f64,
     twin: BeatSamples,
     twin_biomarkers: Biomarkers,
     cheap: BeatSamples,
@@ -98,6 +101,7 @@ impl Likelihood {
             pressure,
             volume,
             biomarkers,
+            error_factor: spec.settings.error_factor,
             twin: twin.clone(),
             twin_biomarkers: spec.twin.biomarkers,
             cheap: cheap.samples.clone(),
@@ -133,6 +137,7 @@ impl Likelihood {
             let simulated = found.iter().find(|(other, _)| other == name).and_then(|(_, value)| *value);
             simulated.map_or(f64::NAN, |simulated| (simulated / measured - 1.0) / sd)
         }));
+        all.iter_mut().for_each(|residual| *residual /= self.error_factor);
         all
     }
 }

@@ -97,7 +97,7 @@ pub fn run(spec: &PosteriorSpec, context: &mut Context) -> Result<TaskResult, Ta
         prior: &prior,
         draws: &draws,
         asked_for: n,
-        left: mode.left(),
+        left: mode.left(spec.settings.error_factor),
         deviations: likelihood.deviations,
         evaluations: (mode.evaluations + draws.iter().map(|draw| draw.evaluations).sum::<usize>()) as u64,
     }))))
